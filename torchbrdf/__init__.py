@@ -1,0 +1,32 @@
+"""Measured-quality BRDFs from one photograph of a sphere under a known light probe."""
+
+from torchbrdf.basis_images import BasisImages
+from torchbrdf.classes import MaterialClasses
+from torchbrdf.estimator import BRDFEstimator
+from torchbrdf.images import read_image, read_mask, write_image
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
+from torchbrdf.probe import LightProbe
+from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.transport import render, render_basis
+from torchbrdf.view import NormalMapView, SphereView, View
+
+__all__ = [
+    "BRDFEstimator",
+    "BasisImages",
+    "LightProbe",
+    "MaterialClasses",
+    "MaterialLibrary",
+    "MerlTable",
+    "NormalMapView",
+    "Reconstruction",
+    "SphereView",
+    "View",
+    "read_image",
+    "read_mask",
+    "render",
+    "render_basis",
+    "write_image",
+]
+
+__version__ = "0.1.0"

@@ -1,0 +1,195 @@
+"""The geometry of lat-long radiance: texels, directions, bilinear lookup, solid angles, resampling.
+
+Texel (x, y) of a `(channels, H, W)` map stands at phi = 2 pi (x + 0.5) / W, theta = pi y / (H - 1): columns
+are texel-centred, the first and last rows are the poles. Between texels radiance is bilinear in (phi, theta)
+and wraps in phi. The direction is (sin phi sin theta, cos theta, -cos phi sin theta), +Y up. This is
+Mitsuba 3's `envmap`; `torch.nn.functional.grid_sample` matches neither axis alone.
+"""
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+CPU_CHUNK = 1 << 15  # directions at a time: on a CPU the intermediate arrays then stay in cache
+_AREA_MEAN_CHUNK = 1 << 20
+
+
+def directions_at(x: Tensor, y: Tensor, height: int, width: int) -> Tensor:
+    """Unit vectors (..., 3) of texel coordinates x, y (...), which may be fractional."""
+    phi = (x + 0.5) * (2 * math.pi / width)
+    theta = y * (math.pi / (height - 1))
+    sin_theta = torch.sin(theta)
+    across, forward = torch.sin(phi) * sin_theta, -torch.cos(phi) * sin_theta
+    return torch.stack([across, torch.cos(theta).expand_as(across), forward], dim=-1)
+
+
+def texel_coordinates(directions: Tensor, height: int, width: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Fractional texel coordinates x in [-0.5, W - 0.5] and y in [0, H - 1] of unit vectors, and sin theta.
+
+    theta comes from atan2: acos in float32 is off by half a texel of a large map near the poles.
+    """
+    d_x, d_y, d_z = directions.unbind(-1)
+    sin_theta = torch.hypot(d_x, d_z)
+    x = torch.atan2(d_x, -d_z) * (0.5 * width / math.pi)
+    x = torch.where(x < 0, x + width, x) - 0.5
+    y = torch.atan2(sin_theta, d_y) * ((height - 1) / math.pi)
+    return x, y, sin_theta
+
+
+def patch_of(x: Tensor, y: Tensor, height: int, width: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """The patch between four texels that holds (x, y): its first column and row (int64), (s, t) inside."""
+    column = torch.floor(x)
+    row = torch.floor(y).clamp(0, height - 2)
+    s, t = x - column, (y - row).clamp(0, 1)
+    column = column.long()
+    return torch.where(column < 0, column + width, column), row.long(), s, t
+
+
+def bilinear(radiance: Tensor, directions: Tensor) -> Tensor:
+    """Radiance (channels, H, W) seen in unit directions (..., 3): (..., channels), differentiable in both."""
+    channels, height, width = radiance.shape
+    texels = radiance.reshape(channels, -1).t().contiguous()
+    flat = directions.reshape(-1, 3)
+    chunks = flat.split(flat.shape[0] if flat.is_cuda or flat.shape[0] == 0 else CPU_CHUNK)
+    seen = torch.cat([_bilinear(texels, chunk, height, width) for chunk in chunks])
+    return seen.reshape(*directions.shape[:-1], channels)
+
+
+def _bilinear(texels: Tensor, directions: Tensor, height: int, width: int) -> Tensor:
+    x, y, _ = texel_coordinates(directions, height, width)
+    column, row, s, t = patch_of(x, y, height, width)
+    s, t = s[:, None].to(texels.dtype), t[:, None].to(texels.dtype)
+    first = row * width
+    following = first + torch.where(column == width - 1, 0, column + 1)
+    first += column
+    upper = torch.lerp(texels.index_select(0, first), texels.index_select(0, following), s)
+    first, following = first + width, following + width
+    lower = torch.lerp(texels.index_select(0, first), texels.index_select(0, following), s)
+    return torch.lerp(upper, lower, t)
+
+
+def row_solid_angles(height: int, width: int, device: torch.device | str = "cpu") -> Tensor:
+    """The integral over the sphere of one texel's bilinear hat, per row: (H,) float64, in sr.
+
+    With d = pi / (H - 1): (2 pi / W) sin(theta_y) 2 (1 - cos d) / d inside, (2 pi / W) (1 - sin(d) / d) at
+    the poles. The hats sum to one, so that W times the sum is 4 pi, and sum(radiance * solid angles) is the
+    exact integral of the bilinear radiance.
+    """
+    d = math.pi / (height - 1)
+    theta = torch.arange(height, dtype=torch.float64, device=device) * d
+    rows = torch.sin(theta) * (4 * math.sin(d / 2) ** 2 / d)
+    rows[0] = rows[-1] = 1 - math.sin(d) / d
+    return rows * (2 * math.pi / width)
+
+
+def rotate(radiance: Tensor, rotation: Tensor, supersampling: int = 5) -> Tensor:
+    """The map whose radiance from R d is that of `radiance` from d, both (channels, H, W).
+
+    A texel is the mean of bilinear lookups over its footprint (`area_mean`); a turn about +Y by whole texels
+    is `torch.roll`, which is exact.
+    """
+    _, height, width = radiance.shape
+    (_, r_xy, r_xz), (r_yx, r_yy, r_yz), (_, r_zy, r_zz) = rotation.tolist()
+    if r_yy > 0 and max(abs(r_xy), abs(r_yx), abs(r_yz), abs(r_zy)) < 1e-6:
+        columns = -math.atan2(r_xz, r_zz) * width / (2 * math.pi)
+        if abs(columns - round(columns)) < 1e-4:
+            return torch.roll(radiance, round(columns), dims=-1)
+    matrix = rotation.to(device=radiance.device, dtype=torch.float32)
+    # A row vector times R is R^T d: where the radiance now at d came from.
+    return area_mean(lambda d: bilinear(radiance, d @ matrix), height, width, supersampling, radiance.device)
+
+
+def area_mean(
+    radiance_of: Callable[[Tensor], Tensor],
+    height: int,
+    width: int,
+    supersampling: int,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """A map (channels, height, width) float32 of the function radiance_of((..., 3)) -> (..., channels).
+
+    Each texel is the mean of `supersampling`^2 values over its footprint, one texel in phi and in theta,
+    weighted with sin theta; all texels of a pole are the mean of the cap, half a texel in theta.
+    """
+    rows = torch.arange(height, device=device, dtype=torch.float32)[:, None, None]
+    columns = torch.arange(width, device=device, dtype=torch.float32)[None, :, None]
+    offsets = (torch.arange(supersampling, device=device) + 0.5) / supersampling - 0.5
+    at_once = max(1, _AREA_MEAN_CHUNK // (height * width))
+    total = torch.zeros((), device=device)
+    weights = torch.zeros((), device=device)
+    for dy in offsets.tolist():
+        y = (rows + dy).clamp(0, height - 1)
+        weight = torch.sin(y * (math.pi / (height - 1))) * (y == rows + dy)
+        if dy == 0:  # the poles' own sub-row is half as high, and its sine is not zero but that at its middle
+            weight = weight.clamp_min(0.5 * math.pi / (4 * supersampling * (height - 1)))
+        weights = weights + weight * supersampling
+        for dx in offsets.split(at_once):
+            seen = radiance_of(directions_at(columns + dx, y, height, width))
+            total = total + weight * seen.sum(dim=2)
+    total = total / weights
+    return _one_value_at_the_poles(total.permute(2, 0, 1).contiguous())
+
+
+def resize(radiance: Tensor, height: int) -> Tensor:
+    """The map at another height, (channels, height, 2 height): means over each new texel's footprint.
+
+    Footprints are one new texel in phi and in theta, weighted with sin theta, as in `area_mean`, but the
+    quadrature is one matrix per axis.
+    """
+    _, old_height, old_width = radiance.shape
+    width = 2 * height
+    steps = 4 * max(1, math.ceil(old_height / height))
+    offsets = (torch.arange(steps, dtype=torch.float64) + 0.5) / steps - 0.5
+
+    y = (torch.arange(height, dtype=torch.float64)[:, None] + offsets).reshape(-1)
+    inside = (y > 0) & (y < height - 1)
+    weights = torch.sin(y * (math.pi / (height - 1))) * inside
+    y = y.clamp(0, height - 1) * ((old_height - 1) / (height - 1))
+    row = y.floor().clamp(0, old_height - 2)
+    by_row = _footprint_matrix(height, old_height, row.long(), row.long() + 1, y - row, weights)
+
+    x = (torch.arange(width, dtype=torch.float64)[:, None] + offsets + 0.5).reshape(-1)
+    x = x * (old_width / width) - 0.5
+    first = x.floor().long() % old_width
+    second, fraction = (first + 1) % old_width, x - x.floor()
+    by_column = _footprint_matrix(width, old_width, first, second, fraction, torch.ones_like(x))
+    by_row, by_column = (m.to(radiance.device, radiance.dtype) for m in (by_row, by_column))
+    return _one_value_at_the_poles(by_row @ radiance @ by_column.t())
+
+
+def _one_value_at_the_poles(radiance: Tensor) -> Tensor:
+    """All texels of a pole look in one direction: each becomes their mean, which changes no energy."""
+    first, middle, last = radiance[:, :1], radiance[:, 1:-1], radiance[:, -1:]
+    first, last = (row.mean(dim=2, keepdim=True).expand_as(row) for row in (first, last))
+    return torch.cat([first, middle, last], dim=1)
+
+
+def _footprint_matrix(
+    new: int, old: int, first: Tensor, second: Tensor, fraction: Tensor, weights: Tensor
+) -> Tensor:
+    """(new, old): weighted means of linear interpolations between old samples; as many for each new one."""
+    target = torch.arange(new).repeat_interleave(len(first) // new)
+    matrix = torch.zeros(new, old, dtype=torch.float64)
+    matrix.index_put_((target, first), weights * (1 - fraction), accumulate=True)
+    matrix.index_put_((target, second), weights * fraction, accumulate=True)
+    return matrix / matrix.sum(dim=1, keepdim=True)
+
+
+def fill_invalid(radiance: Tensor) -> Tensor:
+    """`radiance` (channels, H, W) with every texel that holds a NaN or an infinity replaced.
+
+    Such a texel becomes the mean of the valid ones among its 8 neighbours (across the seam in phi, not across
+    the poles); texels without any wait for the next pass, so holes close from their rim.
+    """
+    valid = torch.isfinite(radiance).all(dim=0)
+    filled = torch.where(valid, radiance, 0.0).double()
+    while not bool(valid.all()):
+        stack = torch.cat([filled, valid[None].double()])
+        stack = torch.cat([stack[..., -1:], stack, stack[..., :1]], dim=-1)
+        means = torch.nn.functional.avg_pool2d(stack, 3, stride=1, padding=(1, 0))
+        newly = ~valid & (means[-1] > 0.05)  # one valid neighbour of nine is 0.11
+        filled = torch.where(newly, means[:-1] / means[-1].clamp_min(0.05), filled)
+        valid = valid | newly
+    return filled.to(radiance.dtype)

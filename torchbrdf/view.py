@@ -1,0 +1,192 @@
+"""What the camera sees: normals, view directions and the mask of a known shape.
+
+The camera looks along -Z, image right is +X, image top is +Y. Radiance is averaged over a pixel's area, so a view
+answers at any point inside a pixel, not only at its centre.
+"""
+
+import hashlib
+from abc import ABC, abstractmethod
+from functools import cached_property
+from math import radians, sin, tan
+
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize
+
+Normals = tuple[Tensor, Tensor]
+"""(normals, view_dirs): unit vectors (3, ...) in world space, component first."""
+
+
+class View(ABC):
+    """A shape without shadows or interreflections, seen by a camera.
+
+    mask  (1, H, W)  bool, True where the shape covers the whole pixel
+    """
+
+    mask: Tensor
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the image."""
+        return self.mask.shape[-2], self.mask.shape[-1]
+
+    @cached_property
+    def pixels(self) -> Tensor:
+        """(P,) int64: flat indices of the pixels under the mask, row by row."""
+        return torch.nonzero(self.mask.ravel()).ravel()
+
+    @property
+    def fingerprint(self) -> str:
+        """sha256 of everything that `surface` depends on."""
+        return hashlib.sha256(self._identity()).hexdigest()
+
+    @abstractmethod
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> Normals:
+        """Normals and view directions inside pixels.
+
+        pixels   (Q,)    flat indices under the mask
+        u, v     (Q, S)  position in the pixel, in [0, 1): from its left and from its top edge
+        returns  normals (3, Q, S), view_dirs (3, Q, S)
+        """
+
+    @abstractmethod
+    def _identity(self) -> bytes: ...
+
+    @cached_property
+    def normals(self) -> Tensor:
+        """(3, H, W) unit normals at the centres of the pixels, 0 outside the mask."""
+        return self._at_centres(0)
+
+    @cached_property
+    def view_dirs(self) -> Tensor:
+        """(3, H, W) unit vectors towards the camera at the centres of the pixels, 0 outside the mask."""
+        return self._at_centres(1)
+
+    def _at_centres(self, which: int) -> Tensor:
+        centre = torch.full((len(self.pixels), 1), 0.5)
+        return self.unpack(self.surface(self.pixels, centre, centre)[which][..., 0])
+
+    def pack(self, image: Tensor) -> Tensor:
+        """The pixels under the mask: (..., H, W) -> (..., P)."""
+        return image.flatten(-2)[..., self.pixels.to(image.device)]
+
+    def unpack(self, packed: Tensor) -> Tensor:
+        """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
+        height, width = self.size
+        image = packed.new_zeros(*packed.shape[:-1], height * width)
+        return image.index_copy(-1, self.pixels.to(packed.device), packed).unflatten(-1, (height, width))
+
+
+class SphereView(View):
+    """A sphere that touches the borders of a square image.
+
+    size     pixels along a side
+    fov_deg  field of view across the image in degrees; None for an orthographic camera
+    Pixels that the silhouette cuts are outside the mask.
+    """
+
+    def __init__(self, size: int, fov_deg: float | None = None) -> None:
+        """Check the arguments and find the pixels that lie wholly inside the silhouette."""
+        if size < 3:
+            raise ValueError(f"a sphere needs an image of at least 3 x 3 pixels, got size={size}")
+        if fov_deg is not None and not 0 < fov_deg < 180:
+            raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {fov_deg}; None is orthographic")
+        self.fov_deg = fov_deg
+        self._n = int(size)
+        edge = torch.linspace(-1, 1, self._n + 1, dtype=torch.float64).abs()
+        farthest = torch.maximum(edge[:-1], edge[1:]) ** 2
+        self.mask = (farthest[:, None] + farthest <= 1)[None]
+
+    def __repr__(self) -> str:
+        """Size and camera."""
+        camera = "orthographic" if self.fov_deg is None else f"fov_deg={self.fov_deg}"
+        return f"SphereView({self._n}, {camera}, {len(self.pixels)} pixels)"
+
+    def _identity(self) -> bytes:
+        return f"sphere {self._n} {self.fov_deg}".encode()
+
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> Normals:
+        """See View."""
+        x = (2 / self._n) * ((pixels % self._n)[:, None] + u) - 1
+        y = 1 - (2 / self._n) * ((pixels // self._n)[:, None] + v)
+        if self.fov_deg is None:
+            z = torch.sqrt((1 - x * x - y * y).clamp_min(0))
+            toward_camera = torch.zeros(3, 1, 1, dtype=x.dtype, device=x.device)
+            toward_camera[2] = 1
+            return torch.stack([x, y, z]), toward_camera.expand(3, *x.shape)
+        half = radians(self.fov_deg) / 2
+        distance = 1 / sin(half)  # the cone of view touches the unit sphere
+        ray = normalize(torch.stack([x * tan(half), y * tan(half), -torch.ones_like(x)]), dim=0)
+        along = -distance * ray[2]
+        t = along - torch.sqrt((along * along - distance * distance + 1).clamp_min(0))
+        hit = t * ray
+        hit[2] += distance
+        return normalize(hit, dim=0), -ray
+
+
+class NormalMapView(View):
+    """Any known shape without shadows, given by its normals.
+
+    normals    (3, H, W)  world space; normalised here
+    mask       (1, H, W)  bool, True = use; None for all pixels with a normal
+    view_dirs  (3, H, W)  unit vectors towards the camera; None for an orthographic camera (+Z)
+
+    Inside a pixel the normal varies linearly, with the slopes of its neighbours under the mask; across a crease
+    (neighbours more than 60 degrees apart) it stays constant.
+    """
+
+    _CREASE_COSINE = 0.5
+
+    def __init__(self, normals: Tensor, mask: Tensor | None = None, view_dirs: Tensor | None = None) -> None:
+        """Check shapes and values; pixels whose normal faces away from the camera leave the mask."""
+        if normals.ndim != 3 or normals.shape[0] != 3:
+            raise ValueError(f"normals must be (3, H, W), got {tuple(normals.shape)}")
+        length = torch.linalg.vector_norm(normals, dim=0, keepdim=True)
+        usable = torch.isfinite(length) & (length > 0)
+        if mask is None:
+            mask = usable
+        if mask.shape != length.shape or mask.dtype != torch.bool:
+            raise ValueError(f"mask must be bool {tuple(length.shape)}, got {mask.dtype} {tuple(mask.shape)}")
+        if view_dirs is None:
+            view_dirs = torch.tensor([0.0, 0.0, 1.0])[:, None, None].expand(normals.shape)
+        elif view_dirs.shape != normals.shape:
+            raise ValueError(f"view_dirs must be {tuple(normals.shape)} like normals, got {tuple(view_dirs.shape)}")
+        unsound = int((mask & ~usable).sum())
+        if unsound:
+            raise ValueError(f"normals: {unsound} pixels under the mask are zero or not finite; take them out of the mask")
+        self._normals = torch.where(usable, normals / length, 0).float()
+        self._view_dirs = normalize(view_dirs.float(), dim=0)
+        self.mask = mask & ((self._normals * self._view_dirs).sum(0, keepdim=True) > 0)
+        if not self.mask.any():
+            raise ValueError("no pixel under the mask has a normal that faces the camera")
+        self._slopes = torch.stack([self._slope(-1), self._slope(-2)])
+
+    def __repr__(self) -> str:
+        """Size and number of pixels."""
+        return f"NormalMapView({self.size[0]} x {self.size[1]}, {len(self.pixels)} pixels)"
+
+    def _identity(self) -> bytes:
+        tensors = (self._normals, self._view_dirs, self.mask)
+        return b"normals " + b"".join(tensor.contiguous().numpy().tobytes() for tensor in tensors)
+
+    def _slope(self, axis: int) -> Tensor:
+        """Change of the normal (3, H, W) over one pixel along an axis: the mean over the smooth neighbours."""
+        here, used = self._normals, self.mask
+        total, count = torch.zeros_like(here), torch.zeros_like(used, dtype=here.dtype)
+        for step in (1, -1):
+            there = here.roll(-step, axis)
+            smooth = used & used.roll(-step, axis) & ((here * there).sum(0, keepdim=True) > self._CREASE_COSINE)
+            border = [slice(None)] * 3
+            border[axis] = slice(-1, None) if step == 1 else slice(0, 1)
+            smooth[tuple(border)] = False
+            total += torch.where(smooth, step * (there - here), 0)
+            count += smooth
+        return total / count.clamp_min(1)
+
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> Normals:
+        """See View."""
+        device = pixels.device
+        base = self._normals.flatten(1).to(device)[:, pixels, None]
+        slopes = self._slopes.flatten(2).to(device)[:, :, pixels, None]
+        normals = normalize(base + slopes[0] * (u - 0.5) + slopes[1] * (v - 0.5), dim=0)
+        return normals, self._view_dirs.flatten(1).to(device)[:, pixels, None].expand_as(normals)
