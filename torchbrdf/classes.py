@@ -110,7 +110,9 @@ def expectation_maximisation(x: Tensor, labels: Tensor, k: int) -> Mixture:
 
 
 def fit_mixture(x: Tensor, k: int, seed: int) -> Mixture | None:
-    """The most likely of the mixtures that EM reaches from several k-means starts, largest class first.
+    """The most likely of the mixtures that EM reaches from several k-means starts.
+
+    Classes are ordered by the norm of their means: diffuse materials first, metals last.
 
     The likelihood of a mixture is unbounded: a Gaussian may collapse on a few points. So a class must hold at least
     N + 1 points, the fewest that span a covariance; None where no start leads to such classes.
@@ -130,12 +132,11 @@ def fit_mixture(x: Tensor, k: int, seed: int) -> Mixture | None:
             continue
         if best is None or mixture.history[-1] > best.history[-1]:
             best = mixture
-    return None if best is None else _largest_first(best)
+    return None if best is None else _dullest_first(best)
 
 
-def _largest_first(mixture: Mixture) -> Mixture:
-    sizes = torch.bincount(mixture.responsibilities.argmax(1), minlength=len(mixture.mixing))
-    order = torch.argsort(sizes, descending=True, stable=True)
+def _dullest_first(mixture: Mixture) -> Mixture:
+    order = torch.argsort(torch.linalg.vector_norm(mixture.means, dim=1), stable=True)
     return replace(
         mixture,
         mixing=mixture.mixing[order],

@@ -4,7 +4,6 @@ import hashlib
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +12,7 @@ from torch import Tensor
 
 from torchbrdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, cell_centres, read_planes
 from torchbrdf.merl_directory import table_paths
+from torchbrdf.microfacet import MODEL_VERSION, expand_row, load_default_parameters
 
 ROW_CELLS = GRID[1] * GRID[2]
 """Cells of one theta_h row of the grid."""
@@ -41,6 +41,7 @@ class MerlSource:
     """A directory of MERL `.binary` files."""
 
     def __init__(self, directory: str | os.PathLike[str]) -> None:
+        """Find the files; raises as `table_paths`."""
         self.paths = table_paths(directory)
         self.names = tuple(path.stem for path in self.paths)
 
@@ -65,6 +66,7 @@ class TableSource:
     """Tables that are already in memory."""
 
     def __init__(self, tables: Sequence[MerlTable]) -> None:
+        """Keep the tables."""
         self.tables = tables
         self.names = tuple(table.name for table in tables)
 
@@ -92,6 +94,7 @@ class ParameterSource:
     """Above the largest value on every tenth cell, which is what `scan` looks at."""
 
     def __init__(self) -> None:
+        """Read the parameters that come with the package."""
         self.names, self.parameters = load_default_parameters()
 
     @property

@@ -14,6 +14,9 @@ from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge, ridge_lsts
 PAPER_PENALTY = 0.5
 """lambda of [CBP21, eq. 25]."""
 
+DEFAULT_PENALTY: Literal["paper"] | float = "paper"
+"""What the estimator and the command line use unless told otherwise."""
+
 Solver = Literal["factored", "lstsq"]
 
 
@@ -38,7 +41,7 @@ class BRDFEstimator(nn.Module):
         self,
         basis: BasisImages,
         classes: MaterialClasses,
-        penalty: Literal["paper"] | float = "paper",
+        penalty: Literal["paper"] | float = DEFAULT_PENALTY,
         solver: Solver = "factored",
     ) -> None:
         """Check that basis and classes belong together, and factor the Gram matrices."""
@@ -175,4 +178,5 @@ class BRDFEstimator(nn.Module):
 
     def _unpack(self, packed: Tensor) -> Tensor:
         image = packed.new_zeros(*packed.shape[:-1], self.mask.numel())
-        return image.index_copy(-1, torch.nonzero(self.mask.ravel()).ravel(), packed).unflatten(-1, self.mask.shape[-2:])
+        pixels = torch.nonzero(self.mask.ravel()).ravel()
+        return image.index_copy(-1, pixels, packed).unflatten(-1, self.mask.shape[-2:])

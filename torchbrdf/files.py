@@ -1,6 +1,8 @@
 """Outputs that are whole or absent: written under a temporary name, then renamed."""
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +19,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise type(error)(error.errno, f"cannot write here ({error.strerror}); choose another folder", str(path)) from None
+        raise _unwritable(error, path) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -29,6 +31,34 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def writing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary folder beside `path` whose files move into `path` when the block ends without an error."""
+    path = Path(path)
+    anchor = path.parent
+    while not anchor.exists():
+        anchor = anchor.parent
+    try:
+        if path.exists() and not path.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        if path.exists() and not os.access(path, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=anchor))
+    except OSError as error:
+        raise _unwritable(error, path) from None
+    try:
+        yield temporary
+        path.mkdir(parents=True, exist_ok=True)
+        for file in temporary.iterdir():
+            os.replace(file, path / file.name)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _unwritable(error: OSError, path: Path) -> OSError:
+    return type(error)(error.errno, f"cannot write here ({error.strerror}); choose another folder", str(path))
 
 
 def cache_folder() -> Path:

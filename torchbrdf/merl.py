@@ -57,7 +57,8 @@ def grid_coordinates(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> tuple[T
 
 def cell_index(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> Tensor:
     """Flat index, int32, of the cell that holds each angle triple, in file order."""
-    h, d, p = (c.to(torch.int32).clamp_(0, n - 1) for c, n in zip(grid_coordinates(theta_h, theta_d, phi_d), GRID, strict=True))
+    coordinates = zip(grid_coordinates(theta_h, theta_d, phi_d), GRID, strict=True)
+    h, d, p = (c.to(torch.int32).clamp_(0, n - 1) for c, n in coordinates)
     return (h * GRID[1] + d) * GRID[2] + p
 
 
@@ -174,9 +175,8 @@ class MerlTable:
         total: Tensor | float = 0.0
         for corner in range(8):
             steps = [(corner >> axis) & 1 for axis in range(3)]
-            i_h, i_d = (
-                (low.long() + step).clamp_(0, n - 1) for low, step, n in zip(lower[:2], steps[:2], GRID[:2], strict=True)
-            )
+            i_h = (lower[0].long() + steps[0]).clamp_(0, GRID[0] - 1)
+            i_d = (lower[1].long() + steps[1]).clamp_(0, GRID[1] - 1)
             i_p = torch.remainder(lower[2].long() + steps[2], GRID[2])
             weight = torch.ones_like(h)
             for f, step in zip(fraction, steps, strict=True):

@@ -4,6 +4,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from tqdm import tqdm
+
 from torchbrdf.merl import MerlTable
 
 MERL_MATERIALS = tuple(
@@ -48,11 +50,11 @@ def table_paths(directory: str | os.PathLike[str]) -> list[Path]:
     return paths
 
 
-def verify(directory: str | os.PathLike[str]) -> DirectoryReport:
+def verify(directory: str | os.PathLike[str], progress: bool = False) -> DirectoryReport:
     """Read every `.binary` file of a directory and say which are sound, which are not and why, and what is missing."""
     sound, unsound = [], {}
     paths = table_paths(directory)
-    for path in paths:
+    for path in tqdm(paths, desc="reading", disable=not progress, leave=False):
         try:
             MerlTable.open(path)
             sound.append(path.stem)

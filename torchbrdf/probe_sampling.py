@@ -98,6 +98,16 @@ class ImportanceTables:
         u = u.double().clamp(0.0, 1 - 2.0**-53)
         row, v = _find(self.row_edges, self.row_guide, u[:, 0], None, self.height - 1)
         column, w = _find(self.column_edges, self.column_guide, u[:, 1], row, self.width)
+        placed = self.place(row, column, v, w)
+        directions.copy_(placed[0])
+        pdf.copy_(placed[1])
+
+    def place(self, row: Tensor, column: Tensor, v: Tensor, w: Tensor) -> tuple[Tensor, Tensor]:
+        """Directions (P, 3) inside patches, and the densities (P,) with which `sample` returns them, in 1/sr.
+
+        row, column  (P,)  int64, the patch
+        v, w         (P,)  float32 in (0, 1): shares of the patch's density, in theta and in phi
+        """
         c00, c10, c01, c11 = self.corners.index_select(0, row * self.width + column).unbind(-1)
         t = _invert_linear(c00 + c10, c01 + c11, v)
         upper, lower = torch.lerp(c00, c01, t), torch.lerp(c10, c11, t)
@@ -105,10 +115,8 @@ class ImportanceTables:
         theta = (row + t) * (math.pi / (self.height - 1))
         phi = (column + s + 0.5) * (2 * math.pi / self.width)
         sin_theta = torch.sin(theta)
-        directions[:, 0] = torch.sin(phi) * sin_theta
-        directions[:, 1] = torch.cos(theta)
-        directions[:, 2] = -torch.cos(phi) * sin_theta
-        pdf.copy_(torch.lerp(upper, lower, s) / sin_theta.clamp_min(1e-7))
+        directions = torch.stack([torch.sin(phi) * sin_theta, torch.cos(theta), -torch.cos(phi) * sin_theta], -1)
+        return directions, torch.lerp(upper, lower, s) / sin_theta.clamp_min(1e-7)
 
     def _at_column(self, patch: Tensor, s: Tensor) -> tuple[Tensor, Tensor]:
         c00, c10, c01, c11 = self.corners.index_select(0, patch).unbind(-1)

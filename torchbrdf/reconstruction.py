@@ -33,7 +33,8 @@ class Reconstruction:
     @property
     def weights(self) -> Tensor:
         """(*batch, n, 3): rho = B w, one column a colour channel [CBP21, eq. 1]."""
-        index = self.class_index[..., None, None, None].expand(*self.class_index.shape, 1, *self.class_weights.shape[-2:])
+        shape = (*self.class_index.shape, 1, *self.class_weights.shape[-2:])
+        index = self.class_index[..., None, None, None].expand(shape)
         return self.class_weights.gather(-3, index).squeeze(-3)
 
     @property

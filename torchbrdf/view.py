@@ -153,7 +153,7 @@ class NormalMapView(View):
             raise ValueError(f"view_dirs must be {tuple(normals.shape)} like normals, got {tuple(view_dirs.shape)}")
         unsound = int((mask & ~usable).sum())
         if unsound:
-            raise ValueError(f"normals: {unsound} pixels under the mask are zero or not finite; take them out of the mask")
+            raise ValueError(f"normals are zero or not finite in {unsound} pixels of the mask; take those out of it")
         self._normals = torch.where(usable, normals / length, 0).float()
         self._view_dirs = normalize(view_dirs.float(), dim=0)
         self.mask = mask & ((self._normals * self._view_dirs).sum(0, keepdim=True) > 0)

@@ -1,0 +1,119 @@
+"""What several test modules share: the data beside the repository, small libraries, a cache of their own."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from math import pi
+from pathlib import Path
+
+import hypothesis
+import pytest
+import torch
+from torch import Tensor
+
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
+
+ROOT = Path(__file__).resolve().parent.parent
+
+hypothesis.settings.register_profile("torchbrdf", deadline=None, max_examples=60)
+hypothesis.settings.load_profile("torchbrdf")
+
+
+def lambert(*albedo: float):
+    """f_r of a Lambertian surface of these albedos."""
+    colour = torch.tensor(albedo, dtype=torch.float64) / pi
+    return lambda w_i, w_o: colour.expand(*w_i.shape[:-1], 3)
+
+
+def glossy(albedo: tuple[float, ...], specular: tuple[float, ...], alpha: float):
+    """Lambert plus a GGX-like lobe of roughness alpha, without shadowing."""
+    base = torch.tensor(albedo, dtype=torch.float64) / pi
+    top = torch.tensor(specular, dtype=torch.float64)
+
+    def f_r(w_i: Tensor, w_o: Tensor) -> Tensor:
+        cosine = torch.nn.functional.normalize(w_i + w_o, dim=-1)[..., 2:]
+        lobe = alpha**2 / (pi * (cosine**2 * (alpha**2 - 1) + 1) ** 2)
+        return base + top * lobe / (4 * (w_i[..., 2:] + w_o[..., 2:]).clamp_min(0.2))
+
+    return f_r
+
+
+TINY_MATERIALS = {
+    "white": lambert(0.8, 0.8, 0.75),
+    "red": lambert(0.6, 0.1, 0.05),
+    "teal": lambert(0.05, 0.35, 0.4),
+    "satin-0.5": glossy((0.3, 0.2, 0.1), (0.05, 0.05, 0.04), 0.5),
+    "satin-0.35": glossy((0.1, 0.3, 0.15), (0.08, 0.08, 0.1), 0.35),
+    "plastic-0.2": glossy((0.4, 0.05, 0.02), (0.05, 0.04, 0.05), 0.2),
+    "plastic-0.1": glossy((0.02, 0.04, 0.3), (0.04, 0.05, 0.04), 0.1),
+    "gold-0.3": glossy((0.01, 0.01, 0.005), (0.9, 0.7, 0.3), 0.3),
+    "steel-0.15": glossy((0.005, 0.005, 0.006), (0.5, 0.55, 0.6), 0.15),
+    "copper-0.08": glossy((0.0, 0.0, 0.0), (0.8, 0.4, 0.25), 0.08),
+}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """TORCHBRDF_CACHE in a temporary folder: no test reads or writes the user's cache."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TORCHBRDF_CACHE", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The data beside the repository."""
+    folder = ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("../shared/data is not there")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def decoded_pink_felt(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> MerlTable:
+    """pink-felt from its neural encoding: close to the measured material, not the measurement itself."""
+    folder = tmp_path_factory.mktemp("decoded")
+    tool = shared_data.parent / "tools" / "decode_merl_neural.py"
+    command = [sys.executable, str(tool), str(folder), "--materials", "pink-felt"]
+    subprocess.run(command, check=True, capture_output=True)
+    return MerlTable.open(folder / "pink-felt.binary")
+
+
+@pytest.fixture(scope="session")
+def tiny_tables() -> dict[str, MerlTable]:
+    """Ten analytic materials by name."""
+    return {name: MerlTable.from_function(f_r, name) for name, f_r in TINY_MATERIALS.items()}
+
+
+@pytest.fixture(scope="session")
+def tiny_library(tiny_tables: dict[str, MerlTable]) -> MaterialLibrary:
+    """The ten analytic materials as a library in memory."""
+    return MaterialLibrary.from_tables(list(tiny_tables.values()))
+
+
+@pytest.fixture(scope="session")
+def default_library(own_cache: Path) -> MaterialLibrary:
+    """The embedded library; its expansion takes many seconds and happens once a session."""
+    return MaterialLibrary.default(progress=False)
+
+
+@pytest.fixture(scope="session")
+def merl_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight sound `.binary` files; tests that change them work on links or copies."""
+    folder = tmp_path_factory.mktemp("merl")
+    for name, table in list(tiny_tables.items())[:8]:
+        table.save(folder / f"{name}.binary")
+    return folder
+
+
+@pytest.fixture
+def linked_merl(merl_directory: Path, tmp_path: Path) -> Path:
+    """A directory of its own with hard links to the same files: replace a file, do not write into it."""
+    folder = tmp_path / "materials"
+    folder.mkdir()
+    for path in merl_directory.iterdir():
+        os.link(path, folder / path.name)
+    return folder

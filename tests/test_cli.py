@@ -1,0 +1,192 @@
+"""The command line: every kind of bad input gives exit status 2, one line and no output; good input gives files."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import torchbrdf as tb
+from torchbrdf.cli import main
+from torchbrdf.merl import FILE_BYTES, GRID
+
+SIZE = 16
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """A linear photograph that is good enough to reach the later checks."""
+    path = tmp_path / "photo.exr"
+    tb.write_image(path, torch.rand(3, SIZE, SIZE, generator=torch.Generator().manual_seed(0)) + 0.1)
+    return path
+
+
+def fails(capsys, *arguments: object) -> str:
+    """Run a command that must fail; returns its one line."""
+    assert main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    lines = [line for line in captured.err.splitlines() if "warning:" not in line]
+    assert len(lines) == 1, captured.err
+    assert lines[0].startswith("torchbrdf: error: ")
+    assert captured.out == ""
+    return lines[0]
+
+
+def assert_fit_fails(capsys, tmp_path, photo, *more: object) -> str:
+    out = tmp_path / "results" / "out"
+    before = sorted(tmp_path.rglob("*"))
+    line = fails(capsys, "fit", photo, *(more if "--probe" in more else ("--probe", "default", *more)), "-o", out)
+    assert sorted(tmp_path.rglob("*")) == before, "a failed command left something behind"
+    return line
+
+
+def test_missing_photograph(capsys, tmp_path):
+    assert "nowhere.exr" in assert_fit_fails(capsys, tmp_path, tmp_path / "nowhere.exr")
+
+
+def test_photograph_that_is_no_image(capsys, tmp_path):
+    path = tmp_path / "notes.exr"
+    path.write_text("these are notes")
+    assert "notes.exr" in assert_fit_fails(capsys, tmp_path, path)
+
+
+def test_eight_bit_photograph(capsys, tmp_path):
+    path = tmp_path / "photo.png"
+    tb.write_image(path, torch.full((3, SIZE, SIZE), 0.5))
+    assert "not linear HDR" in (line := assert_fit_fails(capsys, tmp_path, path))
+    assert "--allow-ldr" in line
+
+
+def test_wrong_channel_count(capsys, tmp_path):
+    import OpenEXR
+
+    path = tmp_path / "grey.exr"
+    channels = {"Y": OpenEXR.Channel(np.ones((SIZE, SIZE), np.float32))}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, channels) as file:
+        file.write(str(path))
+    assert "channels" in assert_fit_fails(capsys, tmp_path, path)
+
+
+def test_photograph_with_nan(capsys, tmp_path):
+    path = tmp_path / "nan.exr"
+    image = torch.ones(3, SIZE, SIZE)
+    image[1, 8, 8] = float("nan")
+    tb.write_image(path, image)
+    assert "nan.exr: NaN or infinite values in 1 of the 16 x 16 pixels" in assert_fit_fails(capsys, tmp_path, path)
+
+
+def test_black_photograph(capsys, tmp_path):
+    path = tmp_path / "black.exr"
+    tb.write_image(path, torch.zeros(3, SIZE, SIZE))
+    assert "black.exr: the ball is black" in assert_fit_fails(capsys, tmp_path, path)
+
+
+def test_empty_mask(capsys, tmp_path, photo):
+    path = tmp_path / "mask.png"
+    tb.write_image(path, torch.zeros(3, SIZE, SIZE))
+    assert "mask.png: mask is empty" in assert_fit_fails(capsys, tmp_path, photo, "--mask", path)
+
+
+def test_mask_of_another_size(capsys, tmp_path, photo):
+    path = tmp_path / "mask.png"
+    tb.write_image(path, torch.ones(3, SIZE, SIZE + 1))
+    line = assert_fit_fails(capsys, tmp_path, photo, "--mask", path)
+    assert "mask must have the size of the photograph, 16 x 16, got 16 x 17" in line
+
+
+def test_probe_that_is_not_two_to_one(capsys, tmp_path, photo):
+    path = tmp_path / "square.exr"
+    tb.write_image(path, torch.ones(3, 8, 8))
+    line = assert_fit_fails(capsys, tmp_path, photo, "--probe", path)
+    assert "must be lat-long (width = 2 x height), got 8 x 8" in line
+
+
+def test_directory_without_materials(capsys, tmp_path, photo):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "holds no materials" in assert_fit_fails(capsys, tmp_path, photo, "--library", empty)
+
+
+def test_output_folder_that_cannot_be_written(capsys, tmp_path, photo):
+    assert "cannot write here" in fails(capsys, "fit", photo, "--probe", "default", "-o", photo / "out")
+
+
+@pytest.mark.parametrize(("bytes_more", "state"), [(-8, "truncated"), (8, "oversized")])
+def test_truncated_and_oversized_tables(capsys, tmp_path, bytes_more, state):
+    path = tmp_path / "x.binary"
+    with open(path, "wb") as file:
+        np.array(GRID, "<i4").tofile(file)
+        file.truncate(FILE_BYTES + bytes_more)
+    line = fails(capsys, "render", path, "--probe", "default", "-o", tmp_path / "x.png")
+    assert f"{path}: {state} MERL table: expected 34992012 bytes, got {34992012 + bytes_more}" in line
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_bad_numbers_on_the_command_line(capsys, photo):
+    for option, value in [("--penalty", "-1"), ("--penalty", "much"), ("--size", "0.5")]:
+        with pytest.raises(SystemExit, match="2"):
+            main(["fit", str(photo), "--probe", "default", option, value, "-o", "out"])
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == 1
+        assert lines[0].startswith("torchbrdf: error: ")
+
+
+def test_unknown_output_format(capsys, tmp_path):
+    table = tmp_path / "grey.binary"
+    tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.1)).save(table)
+    assert ".jpg" in fails(capsys, "render", table, "--probe", "default", "--size", 8, "-o", tmp_path / "x.jpg")
+    assert fails(capsys, "render", table, "--probe", "default", "-o", tmp_path / "no" / "x.png")
+
+
+def test_render_of_a_grey_ball_is_grey(capsys, tmp_path):
+    table, probe = tmp_path / "grey.binary", tmp_path / "white.exr"
+    tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.5 / torch.pi)).save(table)
+    tb.write_image(probe, torch.ones(3, 8, 16))
+    assert main(["render", str(table), "--probe", str(probe), "--size", "12", "-o", str(tmp_path / "x.exr")]) == 0
+    image = tb.read_image(tmp_path / "x.exr")
+    inside = tb.SphereView(12).mask.expand(3, -1, -1)
+    assert image[inside].numpy() == pytest.approx(0.5, rel=5e-3)
+    assert (image[~inside] == 0).all()
+
+
+def test_verify_names_sound_unsound_and_missing(capsys, tmp_path):
+    tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.1)).save(tmp_path / "brass.binary")
+    (tmp_path / "nylon.binary").write_bytes(b"short")
+    assert main(["verify", str(tmp_path)]) == 2
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "1 sound: brass"
+    assert lines[1].startswith("unsound nylon: ")
+    assert lines[2].startswith("98 of the 100 MERL materials are missing: alum-bronze, ")
+
+
+def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys, tmp_path):
+    out = tmp_path / "demo"
+    assert main(["demo", "-o", str(out)]) == 0
+    names = {"brdf.binary", "fitted.exr", "novel_light.png", "photograph.exr", "report.html", "weights.json"}
+    assert {path.name for path in out.iterdir()} == names
+    record = json.loads((out / "weights.json").read_text())
+    assert "gold-metallic-paint2" not in {entry["material"] for entry in record["weights"]}
+    table = tb.MerlTable.open(out / "brdf.binary")
+    assert float(table.values[table.valid].min()) >= 0
+    novel = float(capsys.readouterr().out.split("observed under ")[1].split("%")[0])
+    assert novel < 15
+
+
+def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys, tmp_path):
+    """`fit` on a photograph of a library material, padded and masked, finds the ball and explains it."""
+    probe, view = tb.LightProbe.default(), tb.SphereView(32)
+    image = tb.render(default_library.table("nylon"), probe, view, seed=5)
+    padded = torch.nn.functional.pad(image, (7, 21, 12, 3), value=9.0)
+    mask = torch.nn.functional.pad(torch.ones(3, 32, 32), (7, 21, 12, 3))
+    rows, columns = torch.meshgrid(torch.arange(47) + 0.5, torch.arange(60) + 0.5, indexing="ij")
+    mask *= ((rows - 28) ** 2 + (columns - 23) ** 2 <= 16**2).float()
+    tb.write_image(tmp_path / "photo.exr", padded)
+    tb.write_image(tmp_path / "mask.png", mask)
+    arguments = ["fit", str(tmp_path / "photo.exr"), "--probe", "default", "--mask", str(tmp_path / "mask.png")]
+    assert main([*arguments, "--circle", "23", "28", "16", "-o", str(tmp_path / "out")]) == 0
+    record = json.loads((tmp_path / "out" / "weights.json").read_text())
+    assert record["relative_error"] < 0.05
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "brdf.binary", "fitted.exr", "report.html", "weights.json"
+    }  # fmt: skip
+    assert tb.read_image(tmp_path / "out" / "fitted.exr").shape == (3, 32, 32)

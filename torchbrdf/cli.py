@@ -1,0 +1,108 @@
+"""The command line: `torchbrdf demo | fit | render | verify | classes`."""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import torchbrdf
+from torchbrdf.commands import classes, demo, fit, render, verify
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit status: 0, 2 for bad input (one line on stderr says what), 130 for Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    warnings.showwarning = _show_warning
+    try:
+        return options.run(options)
+    except OSError as error:
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
+    except ValueError as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        _say("interrupted; nothing was written")
+        return INTERRUPTED
+
+
+def _say(message: str) -> None:
+    print("torchbrdf: " + " ".join(message.split()), file=sys.stderr)
+
+
+def _fail(message: str) -> int:
+    _say(f"error: {message}")
+    return BAD_INPUT
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    _say(f"warning: {message}")
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise SystemExit(_fail(f"{message}; see `{self.prog} --help`"))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="torchbrdf", description=torchbrdf.__doc__)
+    parser.add_argument("--version", action="version", version=f"torchbrdf {torchbrdf.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+        text = (run.__doc__ or "").strip()
+        added = commands.add_parser(name, help=text.splitlines()[0], description=text)
+        added.set_defaults(run=run)
+        return added
+
+    def output(added: argparse.ArgumentParser, text: str, default: Path | None = None) -> None:
+        added.add_argument("-o", "--output", type=Path, required=default is None, default=default, help=text)
+
+    def light(added: argparse.ArgumentParser) -> None:
+        added.add_argument("--probe", required=True, help='light probe, .exr or .hdr; "default" for the embedded one')
+        added.add_argument(
+            "--probe-layout", choices=["latlong", "angular", "mirror_ball"], default="latlong", help="default: latlong"
+        )
+        added.add_argument("--repair-probe", action="store_true", help="fill NaN and infinite texels of the probe")
+
+    def library(added: argparse.ArgumentParser) -> None:
+        added.add_argument("--library", type=Path, help="folder of MERL *.binary files; default: the embedded library")
+
+    added = command("demo", demo.run)
+    output(added, "folder for the results; default: torchbrdf-demo", Path("torchbrdf-demo"))
+
+    added = command("fit", fit.run)
+    added.add_argument("photo", type=Path, help="linear HDR photograph of the ball, .exr or .hdr")
+    light(added)
+    added.add_argument("--mask", type=Path, help="image that is white where the ball may be used")
+    added.add_argument(
+        "--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help="silhouette in pixels; default: from the mask"
+    )
+    library(added)
+    added.add_argument("--penalty", type=fit.penalty, default=fit.DEFAULT_PENALTY, help=fit.PENALTY_HELP)
+    added.add_argument("--size", type=int, help="resample the ball to N x N pixels; default: its own, at most 128")
+    added.add_argument("--allow-ldr", action="store_true", help="accept an 8-bit photograph, taken as gamma 2.2")
+    output(added, "folder for brdf.binary, weights.json, fitted.exr and report.html")
+
+    added = command("render", render.run)
+    added.add_argument("brdf", type=Path, help="MERL table, .binary")
+    light(added)
+    added.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
+    added.add_argument("--exposure", type=float, default=1.0, help="factor on the radiance in a .png; default: 1")
+    output(added, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
+
+    added = command("verify", verify.run)
+    added.add_argument("directory", type=Path, help="folder of MERL *.binary files")
+
+    added = command("classes", classes.run)
+    library(added)
+    added.add_argument("--n-classes", type=int, default=torchbrdf.classes.N_CLASSES, help="K; default: %(default)s")
+    added.add_argument("--n-dims", type=int, default=torchbrdf.classes.N_DIMS, help="N; default: %(default)s")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

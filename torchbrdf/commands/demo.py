@@ -1,0 +1,50 @@
+"""`torchbrdf demo`: the whole path on an embedded material that the library is not allowed to know."""
+
+import argparse
+
+import torch
+
+from torchbrdf.commands.fit import fit, summary, write_results
+from torchbrdf.files import writing_folder
+from torchbrdf.images import write_image
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.metrics import relative_rms
+from torchbrdf.photograph import Observation
+from torchbrdf.probe import LightProbe
+from torchbrdf.transport import render
+from torchbrdf.view import SphereView
+
+MATERIAL = "gold-metallic-paint2"
+SIZE = 64
+NOISE = 0.01
+"""Standard deviation of the simulated photograph's noise, relative to each pixel."""
+
+
+def run(options: argparse.Namespace) -> int:
+    """Photograph a ball of one embedded material, recover it from the other 99, and compare under another light."""
+    whole = MaterialLibrary.default()
+    library = whole.without(MATERIAL)
+    probe = LightProbe.default()
+    novel = probe.rotated(_half_turn())
+    view = SphereView(SIZE)
+    truth = whole.table(MATERIAL)
+    with writing_folder(options.output) as folder:
+        clean = render(truth, probe, view, seed=1)
+        noise = torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
+        photograph = clean * (1 + NOISE * noise)
+        fitted = fit(Observation(photograph, view.mask), probe, library)
+        write_image(folder / "photograph.exr", photograph)
+        settings = {"photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise", "light probe": probe.name}
+        write_results(folder, fitted, probe, library, settings)
+        expected = render(truth, novel, view, seed=2)
+        got = render(fitted.table, novel, view, seed=3)
+        write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
+    print(summary(fitted))
+    print(f"relative error under a light it was not observed under {float(relative_rms(got, expected, view.mask)):.2%}")
+    print(f"open {options.output}/report.html; novel_light.png shows the truth (left) and the reconstruction (right)")
+    return 0
+
+
+def _half_turn() -> torch.Tensor:
+    """A turn by 180 degrees about +Y."""
+    return torch.diag(torch.tensor([-1.0, 1.0, -1.0]))

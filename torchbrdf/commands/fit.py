@@ -1,0 +1,140 @@
+"""`torchbrdf fit`: from a photograph of a ball to its BRDF."""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from torchbrdf.basis_images import BasisImages
+from torchbrdf.classes import MaterialClasses
+from torchbrdf.commands.inputs import about, open_library, open_probe
+from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator
+from torchbrdf.files import writing, writing_folder
+from torchbrdf.images import read_image, read_mask, write_image
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
+from torchbrdf.photograph import Circle, Observation, find_circle, observe
+from torchbrdf.probe import LightProbe
+from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.transport import render_basis
+from torchbrdf.view import SphereView
+
+PENALTY_HELP = f'lambda of the prior, a number >= 0, or "paper" (0.5); default: {DEFAULT_PENALTY}'
+
+
+def penalty(text: str) -> float | Literal["paper"]:
+    """Parse `--penalty`."""
+    if text == "paper":
+        return "paper"
+    value = float(text)
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f'must be "paper" or a number >= 0, got {text}')
+    return value
+
+
+def run(options: argparse.Namespace) -> int:
+    """Recover the BRDF of a photographed ball: brdf.binary, weights.json, fitted.exr and report.html."""
+    with writing_folder(options.output) as folder:
+        observation = _read_observation(options)
+        probe = open_probe(options)
+        library = open_library(options)
+        fitted = fit(observation, probe, library, options.penalty)
+        settings = {"photograph": str(options.photo), "light probe": str(options.probe)}
+        write_results(folder, fitted, probe, library, settings)
+    print(summary(fitted))
+    print(f"wrote {options.output}/brdf.binary, weights.json, fitted.exr and report.html")
+    return 0
+
+
+def _read_observation(options: argparse.Namespace) -> Observation:
+    photograph = read_image(options.photo, allow_ldr=options.allow_ldr)
+    mask = None if options.mask is None else read_mask(options.mask)
+    with about(options.mask or options.photo):
+        circle = find_circle((photograph.shape[-2], photograph.shape[-1]), mask)
+    if options.circle is not None:
+        circle = Circle(*options.circle)
+    with about(options.photo):
+        return observe(photograph, circle, mask, options.size)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """An observation and what came of it."""
+
+    observation: Observation
+    view: SphereView
+    basis: BasisImages
+    classes: MaterialClasses
+    estimator: BRDFEstimator
+    result: Reconstruction
+    table: MerlTable
+
+
+def fit(
+    observation: Observation,
+    probe: LightProbe,
+    library: MaterialLibrary,
+    penalty: float | Literal["paper"] = DEFAULT_PENALTY,
+) -> Fit:
+    """Render the basis, solve, and expand the table."""
+    view = SphereView(observation.image.shape[-1])
+    basis = render_basis(library, probe, view, progress=True)
+    classes = MaterialClasses.fit(library)
+    estimator = BRDFEstimator(basis, classes, penalty)
+    result = estimator(observation.image, observation.mask)
+    return Fit(observation, view, basis, classes, estimator, result, result.brdf(library))
+
+
+def write_results(
+    folder: Path, fitted: Fit, probe: LightProbe, library: MaterialLibrary, settings: dict[str, str]
+) -> None:
+    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder."""
+    from torchbrdf.report import write_report
+
+    fitted.table.save(folder / "brdf.binary")
+    write_image(folder / "fitted.exr", fitted.result.image)
+    with writing(folder / "weights.json") as path:
+        path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")
+    write_report(
+        folder / "report.html",
+        photograph=fitted.observation.image,
+        mask=fitted.observation.mask,
+        result=fitted.result,
+        basis=fitted.basis,
+        library=library,
+        probe=probe,
+        view=fitted.view,
+        description=settings
+        | {
+            "penalty": str(fitted.estimator.penalty),
+            "classes": f"{fitted.classes.sizes} basis BRDFs",
+            "basis images": fitted.basis.description,
+        },
+    )
+
+
+def weights_record(fitted: Fit) -> dict[str, object]:
+    """weights.json: the settings, and the three weights (R, G and B of the result) of every basis BRDF used."""
+    weights = fitted.result.weights
+    used = weights.abs().sum(1).nonzero().ravel().tolist()
+    names = fitted.result.names
+    return {
+        "class": int(fitted.result.class_index),
+        "class_errors": fitted.result.class_errors.tolist(),
+        "relative_error": float(fitted.result.relative_error),
+        "penalty": fitted.estimator.penalty,
+        "library": fitted.result.library,
+        "weights": [
+            {"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used
+        ],
+    }
+
+
+def summary(fitted: Fit) -> str:
+    """One line on what was found."""
+    j = int(fitted.result.class_index)
+    return (
+        f"class {j} of {fitted.classes.n_classes} ({fitted.classes.sizes[j]} basis BRDFs), "
+        f"relative error on the photograph {float(fitted.result.relative_error):.2%}"
+    )

@@ -1,0 +1,108 @@
+"""From a photograph to an observation: finding the ball, and averaging its square onto the pixels of a view."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.view import SphereView
+
+LARGEST_DEFAULT_SIZE = 128
+"""More pixels than this tell little more about a BRDF, and cost time."""
+
+_SNAP = 1.5
+
+
+@dataclass(frozen=True)
+class Circle:
+    """The silhouette of a ball in a photograph, in pixels: x to the right, y down, (0, 0) the top left corner."""
+
+    x: float
+    y: float
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check that a view of the ball can be made."""
+        if not 1.5 <= self.radius < float("inf"):
+            raise ValueError(f"the ball must be at least 3 pixels across, got a radius of {self.radius}")
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The square around a ball, resampled to the pixels of a SphereView.
+
+    image  (3, N, N)  mean radiance of each pixel's area, 0 where not used
+    mask   (1, N, N)  bool: pixels that usable parts of the photograph cover wholly
+    """
+
+    image: Tensor
+    mask: Tensor
+
+
+def find_circle(size: tuple[int, int], mask: Tensor | None = None) -> Circle:
+    """Where the ball is.
+
+    size  height and width of the photograph
+    mask  (1, H, W) bool, True where a pixel's centre shows usable ball; the smallest circle around it is the
+          silhouette, so holes (a dimple, a stand) do no harm while some of the rim is left on three sides.
+          None: the ball is the inscribed circle of the photograph, and so it is where the mask agrees with that
+          to a pixel and a half (masks often leave out the cut pixels of the rim)
+    """
+    height, width = size
+    inscribed = Circle(width / 2, height / 2, min(height, width) / 2)
+    if mask is None:
+        return inscribed
+    if mask.shape != (1, height, width):
+        raise ValueError(
+            f"mask must have the size of the photograph, {height} x {width}, got {mask.shape[-2]} x {mask.shape[-1]}"
+        )
+    if not mask.any():
+        raise ValueError("mask is empty: no pixel is marked as usable; paint the ball white")
+    import cv2
+
+    rows, columns = np.nonzero(mask[0].numpy())
+    (x, y), radius = cv2.minEnclosingCircle(np.stack([columns + 0.5, rows + 0.5], axis=1).astype(np.float32))
+    distance = max(abs(x - inscribed.x), abs(y - inscribed.y), abs(radius - inscribed.radius))
+    return inscribed if distance < _SNAP else Circle(float(x), float(y), float(radius))
+
+
+def observe(image: Tensor, circle: Circle, mask: Tensor | None = None, size: int | None = None) -> Observation:
+    """Average the square around a circle onto N x N pixels.
+
+    image    (3, H, W)  linear radiance
+    mask     (1, H, W)  bool, True = use; None uses all
+    size     N; None for the circle's own diameter, at most 128
+    Averages are exact over each new pixel's area, as the radiance of a SphereView is. A new pixel is used where all
+    of it lies inside the photograph, the mask and the silhouette.
+    Raises ValueError where such a pixel is not finite, none is left, or all are black.
+    """
+    n = min(LARGEST_DEFAULT_SIZE, round(2 * circle.radius)) if size is None else size
+    view = SphereView(n)
+    usable = torch.ones_like(image[:1], dtype=torch.bool) if mask is None else mask
+    finite = torch.isfinite(image).all(0, keepdim=True)
+    step = 2 * circle.radius / n
+    rows = _box_weights(circle.y - circle.radius, step, n, image.shape[-2])
+    columns = _box_weights(circle.x - circle.radius, step, n, image.shape[-1])
+
+    def averaged(values: Tensor) -> Tensor:
+        return rows @ values.double() @ columns.T
+
+    used = (averaged(usable) > 1 - 1e-6) & view.mask
+    unsound = int((used & (averaged(usable & ~finite) > 0)).sum())
+    if unsound:
+        raise ValueError(f"NaN or infinite values in {unsound} of the {n} x {n} pixels; mask them out")
+    if not used.any():
+        raise ValueError(f"no whole pixel of the ball is left at {n} x {n}: the mask is too small or full of holes")
+    observed = torch.where(used, averaged(torch.where(usable & finite, image, 0)), 0).to(image.dtype)
+    if not observed.any():
+        raise ValueError("the ball is black: every usable pixel is 0")
+    return Observation(observed, used)
+
+
+def _box_weights(start: float, step: float, n: int, extent: int) -> Tensor:
+    """(n, extent) float64: which share of each of n boxes of width `step` each pixel fills; rows sum to 1 inside."""
+    edges = torch.arange(extent, dtype=torch.float64)
+    low = start + step * torch.arange(n, dtype=torch.float64)[:, None]
+    overlap = torch.minimum(low + step, edges + 1) - torch.maximum(low, edges)
+    return overlap.clamp_min(0) / step
