@@ -115,9 +115,7 @@ def test_reciprocity_is_half_a_turn_of_phi_d(cos_i: float, phi_i: float, cos_o: 
 
 
 @given(cosines, azimuths, cosines, azimuths, azimuths)
-def test_turning_about_the_normal_changes_nothing(
-    cos_i: float, phi_i: float, cos_o: float, phi_o: float, turn: float
-):
+def test_turning_about_the_normal_changes_nothing(cos_i: float, phi_i: float, cos_o: float, phi_o: float, turn: float):
     pair = direction(cos_i, phi_i), direction(cos_o, phi_o)
     one, other = half_difference(*pair), half_difference(*(about_normal(w, turn) for w in pair))
     assert float(one[0]) == pytest.approx(float(other[0]), abs=1e-8)

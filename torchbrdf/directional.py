@@ -5,7 +5,7 @@ direction (sin a, 0, cos a): it turns about +Y from the camera (0 degrees, +Z) o
 the object (180). [CBP21, figs. 2-6] look at 0 and 136 degrees; the paper does not say about which axis.
 """
 
-from math import cos, radians, sin
+from math import cos, isfinite, radians, sin
 
 import torch
 from torch import Tensor
@@ -60,6 +60,8 @@ def light_direction(angle_deg: float | None = None, direction: Tensor | None = N
     if (angle_deg is None) == (direction is None):
         raise ValueError("give either angle_deg or direction for the light, and not both")
     if angle_deg is not None:
+        if not isfinite(angle_deg):
+            raise ValueError(f"angle_deg must be finite, got {angle_deg}")
         angle = radians(angle_deg)
         return torch.tensor([sin(angle), 0.0, cos(angle)], dtype=torch.float64)
     vector = torch.as_tensor(direction)
@@ -82,4 +84,3 @@ def to_local(normal: Tensor, w: Tensor) -> Tensor:
     t = torch.nn.functional.normalize(torch.linalg.cross(helper, normal), dim=-1)
     b = torch.linalg.cross(normal, t)
     return torch.stack([(axis * w).sum(-1) for axis in (t, b, normal)], dim=-1)
-

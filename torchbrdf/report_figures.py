@@ -3,7 +3,7 @@
 import base64
 from collections.abc import Sequence
 from html import escape
-from math import ceil, cos, floor, log10, pi, radians, sin
+from math import ceil, cos, floor, log2, log10, pi, radians, sin
 
 import numpy as np
 import torch
@@ -38,6 +38,21 @@ def exposure_for(image: Tensor, used: Tensor) -> float:
     bright = image.amax(0)[used[0]].double()
     white = float(torch.quantile(bright[:: max(1, len(bright) // 1_000_000)], 0.99)) if len(bright) else 0.0
     return 1 / white if white > 0 else 1.0
+
+
+def stops_for(image: Tensor) -> tuple[float, float]:
+    """Two exposures for (3, H, W), powers of two: for its highlight, and for what lies beside it.
+
+    The first brings the brightest half percent of the lit pixels to white, the second the upper quartile to half
+    of white, but not below the first.
+    """
+    bright = image.amax(0)
+    lit = bright[bright > 0].double()
+    if not len(lit):
+        return 1.0, 1.0
+    peak, quartile = (float(torch.quantile(lit, q)) for q in (0.995, 0.75))
+    first = 2.0 ** round(log2(1 / peak))
+    return first, max(first, 2.0 ** round(log2(0.5 / quartile)))
 
 
 def on_grey(image: Tensor, exposure: float, shown: Tensor, shape: Tensor) -> Tensor:
@@ -77,11 +92,11 @@ def light_plan(angle_deg: float) -> str:
     """A plan of ball, camera (below) and directional light, seen from above (+Y)."""
     x, y = sin(radians(angle_deg)), cos(radians(angle_deg))
     return (
-        f'<svg class="plan" viewBox="-34 -34 68 68" role="img" aria-label="from above: camera below the ball, '
+        f'<svg class="plan" viewBox="-24 -24 48 62" role="img" aria-label="from above: camera below the ball, '
         f'light at {angle_deg:g} degrees"><circle r="9" class="ball"/>'
-        '<path d="M-4 31 L4 31 L0 25 Z" class="camera"/>'
-        f'<line x1="{27 * x:.1f}" y1="{27 * y:.1f}" x2="{12 * x:.1f}" y2="{12 * y:.1f}" class="ray"/>'
-        f'<circle cx="{27 * x:.1f}" cy="{27 * y:.1f}" r="4" class="lamp"/></svg>'
+        '<path d="M-5 37 L5 37 L0 28 Z" class="camera"/>'
+        f'<line x1="{19 * x:.1f}" y1="{19 * y:.1f}" x2="{11 * x:.1f}" y2="{11 * y:.1f}" class="ray"/>'
+        f'<circle cx="{19 * x:.1f}" cy="{19 * y:.1f}" r="4" class="lamp"/></svg>'
     )
 
 
@@ -101,7 +116,7 @@ def log_range(values: np.ndarray) -> tuple[int, int]:
     if not len(positive):
         return -1, 0
     high = ceil(log10(float(positive.max())) + 1e-9)
-    low = floor(log10(float(np.quantile(positive, 0.02))))
+    low = floor(log10(float(np.quantile(positive, 0.02))) - 0.5)
     return max(min(low, high - 1), high - 7), high
 
 
@@ -167,27 +182,31 @@ def theta_h_plot(chosen: np.ndarray, others: Sequence[np.ndarray]) -> str:
         points = zip(across(theta_h), up(chosen[:, channel]), strict=True)
         parts.append(_polyline(points, CHANNEL_COLOURS[channel], _CHANNEL_WIDTHS[channel]))
     label = "f_r against theta_h at theta_d = 0, logarithmic"
-    return f'<svg class="curve" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    return (
+        f'<svg class="curve" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    )
 
 
 def bar(value: float, largest: float, colour: str) -> str:
     """A signed bar about a centre line, and its value."""
     length = 50 * abs(value) / largest if largest > 0 else 0.0
     start = 50.0 if value >= 0 else 50 - length
+    number = f"{round(value, 3) + 0.0:+.3f}".replace("-", "−")
     return (
         '<svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true">'
         f'<rect x="{start:.2f}" y="1" width="{length:.2f}" height="8" fill="{colour}"/>'
-        f'<line x1="50" x2="50" y1="0" y2="10" class="axis"/></svg><span class="number">{value:+.3f}</span>'
+        f'<line x1="50" x2="50" y1="0" y2="10" class="axis"/></svg><span class="number">{number}</span>'
     )
 
 
 def _power(decade: int) -> str:
     if -2 <= decade <= 3:
         return f"{10.0**decade:g}"
-    return f'10<tspan dy="-3" font-size="75%">{decade}</tspan>'.replace("-", "−", decade < 0)
+    return "10" + str(decade).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def _polyline(points: "zip[tuple[float, float]]", colour: str, width: float, dashes: str = "") -> str:
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
     dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
-    return f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="{width}"{dashed} stroke-linejoin="round"/>'
+    stroke = f'stroke="{colour}" stroke-width="{width}"{dashed} stroke-linejoin="round"'
+    return f'<polyline points="{path}" fill="none" {stroke}/>'

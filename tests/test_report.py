@@ -1,0 +1,334 @@
+import base64
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from math import pi
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from torchbrdf.classes import MaterialClasses
+from torchbrdf.estimator import BRDFEstimator
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
+from torchbrdf.probe import LightProbe
+from torchbrdf.report import write_report
+from torchbrdf.report_evidence import Evidence, clamped_share, leading_materials, render_tables, turn_about_y
+from torchbrdf.report_figures import (
+    SURROUND,
+    exposure_for,
+    log_range,
+    on_grey,
+    plane_of_incidence,
+    signed_map,
+    stops_for,
+    theta_h_curve,
+)
+from torchbrdf.transport import render, render_basis
+from torchbrdf.view import NormalMapView, SphereView
+
+VOID = {"meta", "img", "br", "link", "input", "hr", "circle", "line", "path", "rect"}
+SECTIONS = [
+    "The photograph and its fit",
+    "Under light that was not photographed",
+    "Every class’s candidate",
+    "The BRDF",
+    "The largest weights",
+    "Settings and fingerprints",
+]
+EVIL = '<b>brass</b> & "co"'
+
+
+class Page(HTMLParser):
+    """Checks that tags nest, and collects what a page holds."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.open, self.tags, self.text = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def all(self, wanted):
+        return [attrs for tag, attrs in self.tags if tag == wanted]
+
+
+def pixels(attrs):
+    data = base64.b64decode(attrs["src"].removeprefix("data:image/png;base64,"))
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)[..., ::-1] / 255.0
+
+
+@pytest.fixture(scope="module")
+def parts(tiny_tables):
+    tables = [replace(table, name=EVIL) if name == "gold-0.3" else table for name, table in tiny_tables.items()]
+    library = MaterialLibrary.from_tables(tables)
+    probe, view = LightProbe.default(32), SphereView(24)
+    basis = render_basis(library, probe, view, samples=64)
+    classes = MaterialClasses.fit(library, n_classes=2, n_dims=2)
+    target = library.combine(0.5 * (torch.eye(30, dtype=torch.float64)[:, 15:18] + torch.eye(30)[:, 21:24].double()))
+    photograph = render(target, probe, view, samples=256, seed=5)
+    mask = view.mask.clone()
+    mask[0, 10:13, 4:8] = False
+    result = BRDFEstimator(basis, classes)(photograph, mask)
+    return {
+        "photograph": photograph, "mask": mask, "result": result, "basis": basis,
+        "library": library, "probe": probe, "view": view,
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def report(parts, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    settings = {"title": "Ball <1>", "photograph": "ball & <stand>.exr", "penalty": "paper"}
+    write_report(path, **parts, description=settings, size=32, samples=32)
+    return path
+
+
+def test_the_page_is_self_contained_and_well_formed(report):
+    text = report.read_text(encoding="utf-8")
+    page = Page(text)
+    assert not re.search(r"https?:|//\w|@import|url\(|<script|<link|<iframe", re.sub(r"base64,[^\"]*", "", text))
+    assert page.all("img")
+    for attrs in page.all("img"):
+        assert attrs["src"].startswith("data:image/png;base64,")
+        assert attrs["alt"].strip()
+        assert pixels(attrs).shape == (int(attrs["height"]), int(attrs["width"]), 3)
+    assert all(set(attrs).isdisjoint({"href", "srcset", "onload"}) for _, attrs in page.tags)
+    assert all(attrs.get("aria-label") or attrs.get("aria-hidden") for attrs in page.all("svg"))
+
+
+def test_every_section_is_there(report, parts):
+    page = Page(report.read_text(encoding="utf-8"))
+    text = " ".join(page.text)
+    assert [title for title in SECTIONS if title in text] == SECTIONS
+    result = parts["result"]
+    errors = (result.class_errors / result.energy).sqrt()
+    for error in errors.tolist():
+        assert f"{error:.2%}" in text
+    assert "A small residual proves nothing." in text
+    assert [attrs["class"] for attrs in page.all("tr") if attrs.get("class") in ("won", "")].count("won") == 1
+    kinds = [attrs.get("class") for attrs in page.all("svg")]
+    assert kinds.count("polar") == 4
+    assert kinds.count("curve") == 1
+    assert kinds.count("plan") == 4
+    for fingerprint in (result.library, parts["basis"].probe, parts["basis"].view):
+        assert fingerprint in text
+    assert "12 pixels are masked out" in text
+
+
+def test_names_are_escaped(report):
+    text = report.read_text(encoding="utf-8")
+    assert "<b>brass" not in text
+    assert "&lt;b&gt;brass&lt;/b&gt; &amp;" in text
+    assert "ball &amp; &lt;stand&gt;.exr" in text
+    assert "<title>Ball &lt;1&gt;</title>" in text
+
+
+def test_the_photograph_is_shown_upright_at_the_stated_exposure(report, parts):
+    page = Page(report.read_text(encoding="utf-8"))
+    shown = pixels(next(attrs for attrs in page.all("img") if attrs["alt"] == "the photograph"))
+    photograph, mask = parts["photograph"], parts["mask"]
+    exposure = exposure_for(photograph, mask)
+    expected = (photograph * exposure).clamp(0, 1).movedim(0, -1).numpy() ** (1 / 2.2)
+    used = mask[0].numpy()
+    assert np.abs(shown - expected)[used].max() < 0.6 / 255
+    assert np.allclose(shown[11, 5], SURROUND, atol=0.6 / 255)
+    assert f"exposure × {exposure:.3g}" in " ".join(page.text)
+
+
+def test_the_browser_shows_every_picture_offline(report):
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    browser_path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser_path is None:
+        pytest.skip("no Chromium on this machine to open the report in")
+    flags = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+    flags += ["--disable-component-update", "--disable-sync"]
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
+        try:
+            context = browser.new_context(offline=True, viewport={"width": 1064, "height": 900})
+            tab = context.new_page()
+            complaints, requests = [], []
+            tab.on("console", lambda message: complaints.append(message.text))
+            tab.on("pageerror", lambda error: complaints.append(str(error)))
+            tab.on("request", lambda request: requests.append(request.url.split(":")[0]))
+            tab.goto(report.as_uri())
+            widths = tab.evaluate("Array.from(document.images, image => image.complete ? image.naturalWidth : 0)")
+            wider = tab.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth")
+            plates = tab.evaluate(
+                "Array.from(document.querySelectorAll('.four'), row => new Set(Array.from(row.children, "
+                "figure => Math.round(figure.getBoundingClientRect().top))).size)"
+            )
+        finally:
+            browser.close()
+    assert complaints == []
+    assert set(requests) <= {"file", "data"}
+    assert len(widths) >= 15
+    assert min(widths) > 0
+    assert not wider, "the page scrolls sideways"
+    assert plates == [1, 1], "the four pictures of a row do not stand side by side"
+
+
+def test_any_known_shape_and_one_class(parts, tmp_path):
+    tilted = torch.zeros(3, 6, 9)
+    tilted[0], tilted[2] = torch.linspace(-0.5, 0.5, 9), 1.0
+    view = NormalMapView(tilted)
+    library, probe = parts["library"], parts["probe"]
+    basis = render_basis(library, probe, view, samples=32)
+    photograph = basis.image("red")
+    result = BRDFEstimator(basis, MaterialClasses.single(library))(photograph)
+    path = tmp_path / "r.html"
+    write_report(
+        path, photograph=photograph, mask=view.mask, result=result, basis=basis, library=library, probe=probe,
+        view=view, description={}, size=16, samples=16,
+    )  # fmt: skip
+    text = path.read_text(encoding="utf-8")
+    Page(text)
+    assert "The only class explains" in text
+    assert "second best" not in text
+    assert 'class="large"' in text
+    assert 'class="large disc"' not in text
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p: {"view": SphereView(24, fov_deg=30.0)}, "the basis images were rendered with another view"),
+        (lambda p: {"probe": p["probe"].scaled(2)}, "the basis images were rendered with another light probe"),
+        (lambda p: {"library": p["library"].without("red")}, "this library is not the one of the reconstruction"),
+        (lambda p: {"basis": p["basis"].without("red")}, "the basis images are not those of this reconstruction"),
+        (lambda p: {"mask": p["mask"][0]}, r"mask must be bool \(1, 24, 24\), got torch.bool \(24, 24\)"),
+        (lambda p: {"photograph": torch.ones(3, 9, 9)}, r"photograph must be \(3, 24, 24\) like the basis images"),
+    ],
+)
+def test_parts_that_do_not_belong_together(parts, tmp_path, change, message):
+    with pytest.raises(ValueError, match=message):
+        write_report(tmp_path / "r.html", **{**parts, **change(parts)}, description={})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_batch_is_refused(parts, tmp_path):
+    batch = BRDFEstimator(parts["basis"], MaterialClasses.single(parts["library"]))(parts["photograph"][None])
+    with pytest.raises(ValueError, match=r"a report needs a single reconstruction, this holds a batch; pick one"):
+        write_report(tmp_path / "r.html", **{**parts, "result": batch}, description={})
+
+
+@pytest.mark.parametrize(
+    ("errors", "weights", "clamped", "expected"),
+    [
+        ((0.01, 0.04), (0.5, 0.5), 0.0, []),
+        ((0.06, 0.09), (0.5, 0.5), 0.0, ["The fit leaves 6.0%"]),
+        ((0.050, 0.0549), (0.5, 0.5), 0.0, ["Class 1 fits almost as well as class 0 (5.00% against 5.49%)"]),
+        ((0.050, 0.0551), (0.5, 0.5), 0.0, []),
+        ((0.01,), (16.0, -15.0), 0.0, ["The weights oscillate: their magnitudes add up to 31 times"]),
+        ((0.01,), (15.0, -14.0), 0.0, []),
+        ((0.01,), (0.5, 0.5), 0.03, ["3.0% of the table"]),
+    ],
+)
+def test_the_warnings(errors, weights, clamped, expected):
+    candidates = tuple(SimpleNamespace(index=j, error=error, clamped=clamped) for j, error in enumerate(errors))
+    evidence = Evidence(
+        photograph=None, used=None, candidates=candidates, chosen=0, names=("a",), channel_errors=(), turned=None,
+        weights=torch.tensor(weights, dtype=torch.float64)[:, None].expand(2, 3), directional={}, probes=None,
+    )  # fmt: skip
+    assert len(evidence.warnings) == len(expected)
+    for warning, start in zip(evidence.warnings, expected, strict=True):
+        assert warning.startswith(start.split(" (")[0])
+    assert evidence.margin == (errors[1] / errors[0] if len(errors) > 1 else float("inf"))
+
+
+def test_several_tables_render_as_one_by_one(tiny_tables):
+    tables, probe, view = [tiny_tables["red"], tiny_tables["steel-0.15"]], LightProbe.default(16), SphereView(8)
+    together = render_tables(tables, probe, view, samples=64, seed=4)
+    for image, table in zip(together, tables, strict=True):
+        assert torch.allclose(image, render(table, probe, view, samples=64, seed=4), rtol=1e-4, atol=1e-6)
+
+
+def test_the_turn_takes_the_camera_side_to_image_right():
+    turned = turn_about_y(90.0) @ torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    assert torch.allclose(turned, torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64), atol=1e-12)
+
+
+def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):
+    table = tiny_tables["white"]
+    values = table.values.clone()
+    row = table.valid[0, 0].sum()
+    values[0, 0, :, 0] = 0
+    expected = float(row) / (3 * float(table.valid.sum()))
+    assert clamped_share(MerlTable(values, table.valid)) == pytest.approx(expected)
+
+
+def test_leading_materials_rank_by_any_channel():
+    weights = torch.zeros(9, 3)
+    weights[4, 2], weights[8, 0] = -0.5, 0.3
+    assert leading_materials(weights, ["a", "b", "c"], 3) == ("b", "c")
+
+
+def test_exposures():
+    ramp = torch.linspace(0, 8, 101).expand(3, 1, 101)
+    assert exposure_for(ramp, torch.ones(1, 1, 101, dtype=torch.bool)) == pytest.approx(1 / 7.92)
+    assert exposure_for(0 * ramp, torch.ones(1, 1, 101, dtype=torch.bool)) == 1.0
+    assert stops_for(ramp) == (0.125, 0.125)
+    highlight = torch.full((3, 10, 10), 0.125)
+    highlight[:, 0, 0] = 64.0
+    assert stops_for(highlight)[1] == 4.0
+    assert stops_for(highlight)[0] < 1 / 16
+    assert stops_for(0 * ramp) == (1.0, 1.0)
+
+
+def test_the_surround_is_neutral_and_the_rim_continues_the_shape():
+    view = SphereView(16)
+    image = torch.where(view.mask, torch.tensor([0.2, 0.4, 0.6])[:, None, None], torch.zeros(3, 16, 16))
+    shown = on_grey(image, 2.0, view.mask, view.mask)
+    assert torch.allclose(shown[:, 0, 0], torch.full((3,), SURROUND**2.2 / 2))
+    edge = int(torch.nonzero(view.mask[0, 4]).min()) - 1
+    assert torch.allclose(shown[:, 4, edge], torch.tensor([0.2, 0.4, 0.6]), atol=1e-5)
+    hole = view.mask.clone()
+    hole[0, 8, 8] = False
+    assert torch.allclose(on_grey(image, 2.0, hole, view.mask)[:, 8, 8], torch.full((3,), SURROUND**2.2 / 2))
+
+
+def test_the_signed_map_is_blue_below_and_red_above():
+    everywhere = torch.ones(1, 1, 5, dtype=torch.bool)
+    colours = signed_map(torch.tensor([[[-9.0, -0.05, 0.0, 0.05, 9.0]]]), 0.1, everywhere)[:, 0]
+    assert (colours[2, :2] > colours[0, :2]).all()
+    assert (colours[0, 3:] > colours[2, 3:]).all()
+    assert colours[:, 2].min() > 0.9
+    unused = signed_map(torch.zeros(1, 1, 5), 0.1, ~everywhere)
+    assert torch.allclose(unused, torch.tensor(SURROUND**2.2))
+
+
+def test_the_curves_of_a_known_brdf(tiny_tables):
+    matte = tiny_tables["white"]
+    theta_o, f_r = plane_of_incidence(matte, 30.0)
+    assert (np.diff(theta_o) > 0).all()
+    assert np.allclose(f_r, np.array([0.8, 0.8, 0.75]) / pi, rtol=1e-5)
+    assert np.allclose(theta_h_curve(matte), np.array([0.8, 0.8, 0.75]) / pi, rtol=1e-5)
+    theta_o, f_r = plane_of_incidence(tiny_tables["copper-0.08"], 30.0)
+    assert theta_o[f_r[:, 0].argmax()] == pytest.approx(30, abs=1.5)
+
+
+def test_the_decades_of_a_log_axis():
+    assert log_range(np.array([0.02] * 99 + [5.0])) == (-3, 1)
+    assert log_range(np.array([0.0, 0.0])) == (-1, 0)
+    low, high = log_range(np.array([1e-12, 1e3]))
+    assert high - low == 7
+    assert high == 4

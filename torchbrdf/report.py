@@ -1,0 +1,330 @@
+"""The report of one reconstruction: a self-contained HTML page that shows whether the BRDF can be trusted.
+
+A small residual proves nothing, so the page shows the BRDF where the photograph does not determine it: under other
+light probes, under directional lights, and as curves.
+"""
+
+import os
+import re
+from collections.abc import Mapping
+from html import escape
+from math import isfinite, log2
+from pathlib import PurePath
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.basis_images import BasisImages
+from torchbrdf.files import writing
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.probe import LightProbe
+from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.report_evidence import (
+    LARGE_CLAMPED_SHARE,
+    LARGE_RESIDUAL,
+    OSCILLATION,
+    SMALL_MARGIN,
+    TURN_DEG,
+    Candidate,
+    Evidence,
+    check_parts,
+    gather,
+)
+from torchbrdf.report_figures import (
+    CHANNEL_COLOURS,
+    bar,
+    diverging_css,
+    exposure_for,
+    light_plan,
+    log_range,
+    on_grey,
+    picture,
+    plane_of_incidence,
+    polar_plot,
+    signed_map,
+    stops_for,
+    theta_h_curve,
+    theta_h_plot,
+)
+from torchbrdf.report_page import definitions, page, plate, section
+from torchbrdf.view import SphereView, View
+
+_SIZE = 128
+_SAMPLES = 400
+"""Pixels along a side and light samples a pixel of the spheres under light that was not observed."""
+
+_THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
+_N_WEIGHTS = 12
+_PROBE_ROWS = 96
+_MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
+_LUMINANCE = torch.tensor([0.2126, 0.7152, 0.0722])[:, None, None]
+
+
+def write_report(
+    path: str | os.PathLike[str],
+    *,
+    photograph: Tensor,
+    mask: Tensor,
+    result: Reconstruction,
+    basis: BasisImages,
+    library: MaterialLibrary,
+    probe: LightProbe,
+    view: View,
+    description: Mapping[str, str],
+    size: int = _SIZE,
+    samples: int = _SAMPLES,
+) -> None:
+    """Write one HTML file that opens offline, with everything inside.
+
+    photograph   (3, H, W)  linear radiance, as given to the estimator
+    mask         (1, H, W)  bool, the pixels that were used
+    result       the reconstruction, a single one
+    basis, library, probe, view  what it was made with
+    description  settings to list, name -> value; a "title" becomes the title of the page
+    size         pixels along a side of the spheres under other light
+    samples      light samples a pixel for them
+    Raises ValueError where the parts do not belong together; the file is whole or absent.
+    """
+    check_parts(photograph, mask, result, basis, library, probe, view)
+    evidence = gather(photograph, mask, result, basis, library, probe, size, samples)
+    settings = {key: str(value) for key, value in description.items()}
+    title = settings.pop("title", "") or "BRDF from a photograph"
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        _verdict(evidence),
+        _observed(evidence, view),
+        _novel(evidence),
+        _classes(evidence, view),
+        _curves(evidence),
+        _weights(evidence),
+        _settings(settings, result, basis, library),
+    ]
+    with writing(path) as temporary:
+        temporary.write_text(page(title, body), encoding="utf-8")
+
+
+def _verdict(evidence: Evidence) -> str:
+    winner, second = evidence.winner, evidence.runner_up
+    sentences = [
+        f"Class {winner.index} explains the photograph to within <b>{winner.error:.2%}</b> (relative RMS error)."
+        if second is not None
+        else f"The only class explains the photograph to within <b>{winner.error:.2%}</b> (relative RMS error)."
+    ]
+    if second is not None:
+        times = f", {evidence.margin:.2f} times as much" if isfinite(evidence.margin) else ""
+        sentences.append(f"The second best, class {second.index}, leaves {second.error:.2%}{times}.")
+    sentences.append(f"{winner.clamped:.2%} of the table’s values were negative and are clamped at zero.")
+    parts = [f'<p class="verdict">{" ".join(sentences)}</p>']
+    if evidence.warnings:
+        items = "".join(f"<li>{escape(warning)}</li>" for warning in evidence.warnings)
+        parts.append(f'<div class="caution" role="note"><ul>{items}</ul></div>')
+    else:
+        parts.append(
+            f'<p class="soft">No warning applies: residual at most {LARGE_RESIDUAL:.0%}, runner-up at least '
+            f"{SMALL_MARGIN:g} times worse, sum of |weights| at most {OSCILLATION:g} times their sum, at most "
+            f"{LARGE_CLAMPED_SHARE:.0%} clamped.</p>"
+        )
+    parts.append(
+        "<p><b>A small residual proves nothing.</b> Plain least squares always has the smallest, and often the worst "
+        "BRDF. Look at the pictures under light that was not photographed: a spike in the centre, dark spots, rings "
+        "around the highlight or a rim of another colour are marks of a wrong BRDF.</p>"
+    )
+    return "\n".join(parts)
+
+
+def _observed(evidence: Evidence, view: View) -> str:
+    winner, used = evidence.winner, evidence.used
+    exposure = exposure_for(evidence.photograph, used)
+    kind = _kind("large", view)
+    shape = view.mask.cpu()
+    difference = ((winner.fitted - evidence.photograph) * _LUMINANCE).sum(0, keepdim=True) * exposure
+    spread = float(torch.quantile(difference[used].abs().float(), 0.99))
+    scale = next((s for s in _MAP_SCALES if s >= spread), _MAP_SCALES[-1])
+    unused = int((shape & ~used).sum())
+    masked = f" {unused} pixels are masked out (grey)." if unused else ""
+    errors = ", ".join(
+        f"{name} {error:.2%}" for name, error in zip("RGB", evidence.channel_errors, strict=True) if isfinite(error)
+    )
+    map_colours = signed_map(difference, scale, used)
+    bar_ends = f"<span>−{scale:.0%} of white</span><span>0</span><span>+{scale:.0%} of white</span>"
+    plates = [
+        plate(
+            picture(on_grey(evidence.photograph, exposure, used, shape), "the photograph", exposure, kind),
+            f"<b>Photograph</b>, {used.shape[-1]} × {used.shape[-2]}.{masked}",
+        ),
+        plate(
+            picture(on_grey(winner.fitted, exposure, shape, shape), "the fit under the same light", exposure, kind),
+            f"<b>Fit</b>, class {winner.index}, same exposure. {errors}.",
+        ),
+        plate(
+            picture(_as_display(map_colours, used, shape), "signed difference, fit minus photograph", 1.0, kind),
+            "<b>Fit − photograph</b>, luminance. Blue: the fit is darker; red: brighter."
+            f'<div class="scale" style="background: {diverging_css()}"></div><div class="ends">{bar_ends}</div>',
+        ),
+    ]
+    stops = f"{log2(exposure):+.1f}".replace("-", "−")
+    note = (
+        f'<p class="note">Shown with exposure × {exposure:.3g} ({stops} stops): radiance {1 / exposure:.3g}, the 99th '
+        "percentile of the photograph, is white; brighter pixels are clipped. Tone curve: gamma 2.2.</p>"
+    )
+    light = plate(_light(evidence.probes[0], "large"), "")
+    about = (
+        f'<div><p class="note"><b>The light</b>: {escape(_short_name(evidence.probes[0]))}. Its middle lies behind the '
+        f"ball, its left and right ends lie behind the camera.</p>{note}</div>"
+    )
+    return section(
+        "The photograph and its fit",
+        f'<div class="row">{"".join(plates)}</div>',
+        f'<div class="row below">{light}{about}</div>',
+    )
+
+
+def _novel(evidence: Evidence) -> str:
+    sphere = SphereView(evidence.turned.shape[-1])
+    probes = []
+    for image, probe, caption in (
+        (evidence.winner.novel, evidence.probes[1], "<b>Another light</b>, torchbrdf’s studio room"),
+        (evidence.turned, evidence.probes[2], f"<b>The photograph’s light</b>, turned {TURN_DEG:.0f}° about +Y"),
+    ):
+        probes.append(_sphere(image, sphere, exposure_for(image, sphere.mask), caption))
+        probes.append(plate(_light(probe, "middle"), "the light"))
+    directional = []
+    for angle, image in evidence.directional.items():
+        where = "from the camera" if angle == 0 else "from behind, image right"
+        for exposure, what in zip(stops_for(image), (where, "beside the highlight"), strict=True):
+            caption = f"{light_plan(angle)}<b>Directional, {angle:g}°</b>, {what}<br>exposure × {exposure:g}"
+            directional.append(_sphere(image, sphere, exposure, caption))
+    note = (
+        '<p class="note">Under the probes the 99th percentile of each picture is white. The directional lights have '
+        "irradiance π: at exposure × 1 a white diffuse surface that faces the light just reaches white. Each is shown "
+        "with two exposures, for the highlight and for what lies beside it. The angle turns the light about the "
+        "vertical axis (+Y): 0° is light from the camera, 90° from image right.</p>"
+    )
+    rows = (f'<div class="row four">{"".join(figures)}</div>' for figures in (probes, directional))
+    return section("Under light that was not photographed", *rows, note)
+
+
+def _classes(evidence: Evidence, view: View) -> str:
+    sphere = SphereView(evidence.turned.shape[-1])
+    shape = view.mask.cpu()
+    observed = exposure_for(evidence.photograph, evidence.used)
+    novel = exposure_for(evidence.winner.novel, sphere.mask)
+    frontal = stops_for(evidence.winner.frontal)[1]
+
+    def row(candidate: Candidate) -> str:
+        won = candidate.index == evidence.chosen
+        ratio = candidate.error / evidence.winner.error if evidence.winner.error > 0 else float("nan")
+        names = ", ".join(candidate.leading) or "none"
+        what = f"class {candidate.index}"
+        shots = (
+            picture(on_grey(candidate.fitted, observed, shape, shape), f"{what}: fit", observed, _kind("small", view)),
+            _ball(candidate.novel, sphere, novel, f"{what} under the default probe", "small"),
+            _ball(candidate.frontal, sphere, frontal, f"{what} under a directional light at 0 degrees", "small"),
+        )
+        cells = "".join(f'<td class="shot"><div class="plate">{shot}</div></td>' for shot in shots)
+        times = "" if won or not isfinite(ratio) else f'<br><span class="soft">× {ratio:.2f}</span>'
+        return (
+            f'<tr class="{"won" if won else ""}"><td>Class {candidate.index}<br>'
+            f"{'<span class=badge>chosen</span>' if won else ''}</td>{cells}"
+            f"<td>{candidate.error:.2%}{times}</td><td>{candidate.members}</td><td>{candidate.clamped:.2%}</td>"
+            f"<td>{escape(names)}</td></tr>"
+        )
+
+    head = (
+        "<tr><th></th><th>photograph’s light</th><th>studio room</th><th>directional, 0°</th>"
+        "<th>error on<br>photograph</th><th>basis<br>BRDFs</th><th>clamped</th><th>largest weights</th></tr>"
+    )
+    return section(
+        "Every class’s candidate",
+        "<p>Each class of materials was fitted by itself; the smallest error |Yw − y| / |y| on the photograph wins. "
+        "All rows of a column share one exposure.</p>",
+        f'<table class="classes"><thead>{head}</thead><tbody>{"".join(map(row, evidence.candidates))}</tbody></table>',
+    )
+
+
+def _curves(evidence: Evidence) -> str:
+    table = evidence.winner.table
+    samples = np.concatenate([plane_of_incidence(table, theta_i)[1] for theta_i in _THETA_I_DEG])
+    decades = log_range(samples)
+    plots = "".join(
+        f"<figure>{polar_plot(table, theta_i, decades)}<figcaption>θ<sub>i</sub> = {theta_i:g}°</figcaption></figure>"
+        for theta_i in _THETA_I_DEG
+    )
+    others = [theta_h_curve(candidate.table) for candidate in evidence.candidates if candidate.index != evidence.chosen]
+    key = "".join(
+        f'<span style="border-color: {colour}"></span>{name}'
+        for name, colour in zip("RGB", CHANNEL_COLOURS, strict=True)
+    )
+    dashed = (
+        '<span style="border-top: 1px dashed #777"></span>other classes, mean of R, G, B' if evidence.runner_up else ""
+    )
+    return section(
+        "The BRDF",
+        "<p>f<sub>r</sub> in 1/sr, without the cosine, in the plane of incidence. The radius is the logarithm of "
+        f"f<sub>r</sub>, one ring a decade, {10.0 ** decades[0]:g} and less in the centre. The light is the yellow "
+        "dot, the dashed line the mirror direction.</p>",
+        f'<div class="polars">{plots}</div>',
+        "<p>f<sub>r</sub> over θ<sub>h</sub> at θ<sub>d</sub> = 0 (light and camera in one direction); the axis is "
+        "stretched towards the highlight as MERL’s grid is.</p>",
+        theta_h_plot(theta_h_curve(table), others),
+        f'<p class="key note">{key}{dashed}</p>',
+    )
+
+
+def _weights(evidence: Evidence) -> str:
+    weights = evidence.weights
+    strength = weights.abs().amax(1)
+    largest = float(strength.max())
+    rows = []
+    for i in torch.argsort(strength, descending=True, stable=True)[:_N_WEIGHTS].tolist():
+        if strength[i] == 0:
+            break
+        bars = "".join(f"<td>{bar(float(weights[i, c]), largest, CHANNEL_COLOURS[c])}</td>" for c in range(3))
+        material = f'{escape(evidence.names[i // 3])} <span class="soft">{"RGB"[i % 3]}</span>'
+        rows.append(f"<tr><td>{material}</td>{bars}</tr>")
+    sums, sizes = weights.sum(0), weights.abs().sum(0)
+    head = "<th>material and its channel</th><th>weight in R</th><th>weight in G</th><th>weight in B</th>"
+    totals = "".join(f"<td>Σw {sums[c]:.2f}, Σ|w| {sizes[c]:.2f}</td>" for c in range(3))
+    shown = len(rows)
+    return section(
+        "The largest weights",
+        f"<p>{shown} of the {evidence.winner.members} basis BRDFs with a weight. A basis BRDF is one channel of one "
+        "material; the columns are the channels of the result.</p>",
+        f'<table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}<tr class="soft"><td>all</td>{totals}</tr>'
+        "</tbody></table>",
+    )
+
+
+def _settings(settings: Mapping[str, str], result: Reconstruction, basis: BasisImages, library: MaterialLibrary) -> str:
+    made = {"materials": str(len(library)), "basis images": basis.description}
+    prints = {"library": result.library, "light probe": basis.probe, "view": basis.view}
+    return section("Settings and fingerprints", definitions({**settings, **made}), definitions(prints, "print"))
+
+
+def _kind(size: str, view: View) -> str:
+    return f"{size} disc" if isinstance(view, SphereView) and view.fov_deg is None else size
+
+
+def _as_display(colours: Tensor, shown: Tensor, shape: Tensor) -> Tensor:
+    return on_grey(colours, 1.0, shown, shape)
+
+
+def _ball(image: Tensor, sphere: SphereView, exposure: float, alt: str, size: str) -> str:
+    return picture(on_grey(image, exposure, sphere.mask, sphere.mask), alt, exposure, _kind(size, sphere))
+
+
+def _sphere(image: Tensor, sphere: SphereView, exposure: float, caption: str) -> str:
+    alt = re.sub(r"<svg.*</svg>|<[^>]*>", " ", caption).strip()
+    return plate(_ball(image, sphere, exposure, f"sphere: {alt}", "middle"), caption)
+
+
+def _light(probe: LightProbe, kind: str) -> str:
+    small = probe.resized(min(probe.height, _PROBE_ROWS)).radiance.cpu()
+    white = float(torch.quantile(small.amax(0), 0.93)) or float(small.max())
+    return picture(small, f"{_short_name(probe)}, lat-long", 1 / white, kind)
+
+
+def _short_name(probe: LightProbe) -> str:
+    """Its name without the folders of a file."""
+    return PurePath(probe.name.removeprefix("light probe ")).name

@@ -1,0 +1,263 @@
+"""What a report shows, before it becomes a page: the candidates of all classes, renderings, and the warnings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, pi, radians, sin
+
+import torch
+from torch import Tensor
+
+from torchbrdf.basis_images import BasisImages
+from torchbrdf.directional import render_directional
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
+from torchbrdf.metrics import relative_rms
+from torchbrdf.probe import LightProbe
+from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.transport import transport_blocks
+from torchbrdf.view import SphereView, View
+
+LARGE_RESIDUAL = 0.05
+"""Relative error on the photograph above which the report warns."""
+
+SMALL_MARGIN = 1.1
+"""The report warns where the second best class leaves less than this times the residual of the best."""
+
+OSCILLATION = 30.0
+"""The report warns where sum |w| exceeds this times |sum w|: large weights of both signs cancel each other.
+
+On real materials lambda = 0.5 stays near 3, lambda = 0.005 below 30, and least squares exceeds 100.
+"""
+
+LARGE_CLAMPED_SHARE = 0.02
+"""Share of values set to zero above which the report warns."""
+
+DIRECTIONAL_ANGLES = (0.0, 136.0)
+"""The two directional lights of [CBP21, fig. 2], in degrees about +Y from the camera."""
+
+TURN_DEG = 120.0
+"""How far the photograph's own probe is turned about +Y."""
+
+_MAX_PROBE_HEIGHT = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What one class makes of the photograph.
+
+    index     the class
+    members   basis BRDFs with a weight
+    leading   the materials of largest weight, most important first
+    error     |Y w - y| / |y| over the pixels used
+    fitted    (3, H, W)  Y w
+    table     the BRDF
+    clamped   share of measured values at zero, where B w <= 0
+    novel     (3, N, N)  under the default probe
+    frontal   (3, M, M)  under a directional light from the camera
+    """
+
+    index: int
+    members: int
+    leading: tuple[str, ...]
+    error: float
+    fitted: Tensor
+    table: MerlTable
+    clamped: float
+    novel: Tensor
+    frontal: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything that the report of one reconstruction shows.
+
+    used         (1, H, W) bool  pixels of the photograph that count
+    candidates   one a class, in order; chosen is the index of the winner
+    weights      (n, 3) float64  of the winner
+    names        the materials behind them
+    channel_errors  |Y w - y| / |y| for R, G, B of the winner; NaN where a channel is black
+    turned       (3, N, N)  the winner under the photograph's probe turned by TURN_DEG
+    directional  angle -> (3, M, M)  the winner under directional lights, irradiance pi
+    probes       the photograph's probe, the default one, the turned one
+    """
+
+    photograph: Tensor
+    used: Tensor
+    candidates: tuple[Candidate, ...]
+    chosen: int
+    weights: Tensor
+    names: tuple[str, ...]
+    channel_errors: tuple[float, ...]
+    turned: Tensor
+    directional: dict[float, Tensor]
+    probes: tuple[LightProbe, LightProbe, LightProbe]
+
+    @property
+    def winner(self) -> Candidate:
+        """The chosen candidate."""
+        return self.candidates[self.chosen]
+
+    @cached_property
+    def runner_up(self) -> Candidate | None:
+        """The second best class; None where there is only one."""
+        others = [candidate for candidate in self.candidates if candidate.index != self.chosen]
+        return min(others, key=lambda candidate: candidate.error) if others else None
+
+    @property
+    def margin(self) -> float:
+        """The runner-up's error over the winner's; infinite without a runner-up or without a residual."""
+        if self.runner_up is None or self.winner.error == 0:
+            return float("inf")
+        return self.runner_up.error / self.winner.error
+
+    @property
+    def oscillation(self) -> float:
+        """sum |w| / |sum w|, both added up over the channels: the sum of one channel alone may pass through 0."""
+        return float(self.weights.abs().sum() / self.weights.sum(0).abs().sum().clamp_min(1e-12))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader should know before trusting the result, a sentence or two each."""
+        found = []
+        if self.winner.error > LARGE_RESIDUAL:
+            found.append(
+                f"The fit leaves {self.winner.error:.1%} of the photograph unexplained. The probe "
+                "may be turned or scaled against the photograph, the photograph may hold clipped highlights, shadows "
+                "or reflections of things near by, or the library lacks this kind of material."
+            )
+        if self.runner_up is not None and self.margin < SMALL_MARGIN:
+            found.append(
+                f"Class {self.runner_up.index} fits almost as well as class {self.chosen} "
+                f"({self.runner_up.error:.2%} against {self.winner.error:.2%}): the choice could have gone the other "
+                "way. Compare the two below."
+            )
+        if self.oscillation > OSCILLATION:
+            found.append(
+                f"The weights oscillate: their magnitudes add up to {self.oscillation:.0f} times their sum, so large "
+                "positive and negative weights cancel each other. That fits this photograph and rarely any other; a "
+                "larger penalty helps."
+            )
+        if self.winner.clamped > LARGE_CLAMPED_SHARE:
+            found.append(
+                f"{self.winner.clamped:.1%} of the table's values came out negative and were set to zero. "
+                "Look for black spots and rings under the directional lights."
+            )
+        return found
+
+
+def check_parts(
+    photograph: Tensor,
+    mask: Tensor,
+    result: Reconstruction,
+    basis: BasisImages,
+    library: MaterialLibrary,
+    probe: LightProbe,
+    view: View,
+) -> None:
+    """Raise ValueError where the parts of a report do not belong together; see `report.write_report`."""
+    if result.class_index.ndim:
+        raise ValueError("a report needs a single reconstruction, this holds a batch; pick one: result[i]")
+    if photograph.shape != (3, *basis.size):
+        raise ValueError(f"photograph must be {(3, *basis.size)} like the basis images, got {tuple(photograph.shape)}")
+    if mask.shape != (1, *basis.size) or mask.dtype != torch.bool:
+        raise ValueError(f"mask must be bool {(1, *basis.size)}, got {mask.dtype} {tuple(mask.shape)}")
+    if (basis.library, basis.names) != (result.library, result.names):
+        raise ValueError("the basis images are not those of this reconstruction: another library")
+    if (library.source, library.names) != (result.library, result.names):
+        raise ValueError("this library is not the one of the reconstruction")
+    if basis.probe != probe.fingerprint:
+        raise ValueError("the basis images were rendered with another light probe")
+    if basis.view != view.fingerprint:
+        raise ValueError("the basis images were rendered with another view")
+
+
+def gather(
+    photograph: Tensor,
+    mask: Tensor,
+    result: Reconstruction,
+    basis: BasisImages,
+    library: MaterialLibrary,
+    probe: LightProbe,
+    size: int,
+    samples: int,
+) -> Evidence:
+    """Tables and renderings of all candidates, on the CPU.
+
+    size     pixels along a side of the spheres under light that was not observed
+    samples  light transport samples a pixel for them
+    """
+    probe = probe.to("cpu")
+    used = mask.cpu() & basis.mask.cpu()
+    y = photograph.detach().cpu()
+    class_weights = result.class_weights.detach().cpu().double()
+    fits = basis.unpack(torch.einsum("kns,nsp->ksp", class_weights.to(basis.packed), basis.packed)).cpu()
+    errors = (result.class_errors / result.energy).detach().cpu().clamp_min(0).sqrt()
+    tables = [result.candidate(j, library) for j in range(len(class_weights))]
+    chosen = int(result.class_index)
+    sphere = SphereView(size)
+    default = LightProbe.default()
+    turned = probe.resized(min(probe.height, _MAX_PROBE_HEIGHT)).rotated(turn_about_y(TURN_DEG))
+    novel = render_tables(tables, default, sphere, samples)
+    candidates = tuple(
+        Candidate(
+            index=j,
+            members=int((class_weights[j] != 0).any(-1).sum()),
+            leading=leading_materials(class_weights[j], result.names, 3),
+            error=float(errors[j]),
+            fitted=fits[j],
+            table=table,
+            clamped=clamped_share(table),
+            novel=novel[j],
+            frontal=render_directional(table, sphere, DIRECTIONAL_ANGLES[0], irradiance=pi),
+        )
+        for j, table in enumerate(tables)
+    )
+    return Evidence(
+        photograph=y,
+        used=used,
+        candidates=candidates,
+        chosen=chosen,
+        weights=class_weights[chosen],
+        names=result.names,
+        channel_errors=tuple(
+            relative_rms(fits[chosen, c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
+        ),
+        turned=render_tables([tables[chosen]], turned, sphere, samples)[0],
+        directional={
+            angle: candidates[chosen].frontal
+            if angle == DIRECTIONAL_ANGLES[0]
+            else render_directional(tables[chosen], sphere, angle, irradiance=pi)
+            for angle in DIRECTIONAL_ANGLES
+        },
+        probes=(probe, default, turned),
+    )
+
+
+def render_tables(tables: Sequence[MerlTable], probe: LightProbe, view: View, samples: int, seed: int = 0) -> Tensor:
+    """(K, 3, H, W): `transport.render` of several tables with one set of samples, which cost more than the lookups."""
+    values = torch.cat([table.filled.to(torch.float32) for table in tables], dim=1)
+    packed = torch.empty(len(tables), 3, len(view.pixels))
+    for pixels, transport in transport_blocks(probe, view, samples, seed, probe.device):
+        q, s = transport.cells.shape
+        f_r = values[transport.cells.reshape(-1).long()].reshape(q, s, len(tables), 3)
+        packed[:, :, pixels] = torch.einsum("cqs,qskc->kcq", transport.weights, f_r)
+    return view.unpack(packed)
+
+
+def turn_about_y(angle_deg: float) -> Tensor:
+    """(3, 3): the rotation that takes +Z (the camera's side) towards +X (image right)."""
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]], dtype=torch.float64)
+
+
+def clamped_share(table: MerlTable) -> float:
+    """Share of a table's measured values that are exactly zero: a combination is so only where it was clamped."""
+    return float((table.values[table.valid] == 0).double().mean())
+
+
+def leading_materials(weights: Tensor, names: Sequence[str], count: int) -> tuple[str, ...]:
+    """The materials with the largest |w| (n, 3) over their channels and those of the result."""
+    strength = weights.abs().unflatten(0, (-1, 3)).amax((1, 2))
+    order = torch.argsort(strength, descending=True, stable=True)[:count]
+    return tuple(names[int(i)] for i in order if strength[i] > 0)
