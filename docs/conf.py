@@ -14,6 +14,8 @@ myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 
+highlight_language = "none"
+
 html_theme = "furo"
 html_title = f"torchbrdf {version}"
 
@@ -40,7 +42,7 @@ def _literal(lines: list[str]) -> list[str]:
 
 
 def _plain_docstring(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Our docstrings are plain text whose columns line up: keep paragraphs as prose, and lists in columns as they are."""
+    """Our docstrings are plain text: paragraphs stay prose, and lists in columns stay as they are."""
     paragraphs = [paragraph.split("\n") for paragraph in re.split(r"\n\s*\n", "\n".join(lines).strip())]
     lines.clear()
     for paragraph in paragraphs:

@@ -6,7 +6,8 @@ under another light.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -19,86 +20,97 @@ MATERIALS = (
     "pink-fabric", "red-plastic", "specular-blue-phenolic", "teflon", "white-marble",
 )  # fmt: skip
 SIZE = 64
+AXIS = (1 / 3, 2 / 3, 2 / 3)
 
-Defect = Callable[[tb.MerlTable, tb.LightProbe, tb.View], tuple[Tensor, Tensor]]
-"""A photograph (3, N, N) and the mask of its usable pixels (1, N, N)."""
-
-
-def _rotation(axis: Tensor, angle: float) -> Tensor:
-    x, y, z = axis.tolist()
-    generator = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
-    return torch.linalg.matrix_exp(angle * generator)
+Spoil = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+"""From a clean photograph (3, N, N) and the mask of its view (1, N, N) to what the estimator gets."""
 
 
-def turned(degrees: float) -> Defect:
-    """The photograph was taken under a light turned about an oblique axis."""
-    rotation = _rotation(torch.tensor([1.0, 2.0, 2.0]) / 3, math.radians(degrees))
-    return lambda table, probe, view: (tb.render(table, probe.rotated(rotation), view, seed=1), view.mask)
+def clean(image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+    """Nothing is wrong."""
+    return image, mask
 
 
-def noisy(relative: float) -> Defect:
+def noisy(level: float) -> Spoil:
     """Gaussian noise, relative to the mean of the photograph."""
 
-    def photograph(table: tb.MerlTable, probe: tb.LightProbe, view: tb.View) -> tuple[Tensor, Tensor]:
-        clean = tb.render(table, probe, view, seed=1)
-        noise = torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
-        return clean + relative * view.pack(clean).mean() * noise, view.mask
+    def spoil(image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        noise = torch.randn(image.shape, generator=torch.Generator().manual_seed(0))
+        return image + level * image[:, mask[0]].mean() * noise, mask
 
-    return photograph
+    return spoil
 
 
-def saturated(masked: bool) -> Defect:
+def clipped(masked: bool) -> Spoil:
     """The brightest 2 % of the pixels are clipped, and masked out or not."""
 
-    def photograph(table: tb.MerlTable, probe: tb.LightProbe, view: tb.View) -> tuple[Tensor, Tensor]:
-        clean = tb.render(table, probe, view, seed=1)
-        limit = torch.quantile(view.pack(clean).amax(0), 0.98)
-        mask = view.mask & (clean.amax(0, keepdim=True) < limit) if masked else view.mask
-        return clean.clamp_max(limit), mask
+    def spoil(image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        peak = image.amax(0, keepdim=True)
+        limit = torch.quantile(peak[mask], 0.98)
+        return image.clamp_max(limit), mask & (peak < limit) if masked else mask
 
-    return photograph
-
-
-def exposed(factor: float) -> Defect:
-    """The photograph is brighter than the probe says."""
-    return lambda table, probe, view: (factor * tb.render(table, probe, view, seed=1), view.mask)
+    return spoil
 
 
-DEFECTS: dict[str, Defect] = {
-    "none": turned(0),
-    **{f"light turned by {angle} degrees": turned(angle) for angle in (0.25, 0.5, 1, 2, 5)},
-    **{f"noise of {level:.0%} of the mean": noisy(level) for level in (0.01, 0.05)},
-    "brightest 2 % of the pixels clipped": saturated(masked=False),
-    "the same, clipped pixels masked": saturated(masked=True),
-    "exposure wrong by 10 %": exposed(1.1),
+def brighter(factor: float) -> Spoil:
+    """Probe and photograph are not in the same units."""
+    return lambda image, mask: (factor * image, mask)
+
+
+@dataclass(frozen=True)
+class Defect:
+    """The photograph was taken under a light turned by `degrees` about AXIS, and then spoilt."""
+
+    degrees: float = 0
+    spoil: Spoil = clean
+
+
+DEFECTS = {
+    "none": Defect(),
+    **{f"light turned by {degrees} degrees": Defect(degrees=degrees) for degrees in (0.25, 0.5, 1, 2, 5)},
+    **{f"noise of {percent} % of the mean": Defect(spoil=noisy(percent / 100)) for percent in (1, 5)},
+    "brightest 2 % of the pixels clipped": Defect(spoil=clipped(masked=False)),
+    "the same, clipped pixels masked": Defect(spoil=clipped(masked=True)),
+    "photograph 10 % too bright": Defect(spoil=brighter(1.1)),
 }
 
 
-def errors() -> Iterator[tuple[str, list[float]]]:
-    """For each material, the errors under a new light, a defect each."""
+def rotation(degrees: float) -> Tensor:
+    """(3, 3): the turn about AXIS."""
+    x, y, z = AXIS
+    generator = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
+    return torch.linalg.matrix_exp(math.radians(degrees) * generator)
+
+
+def errors() -> Tensor:
+    """(materials, defects): |rendered - truth| / |truth| under the new light."""
     whole = tb.MaterialLibrary.default()
     probe, view = tb.LightProbe.default(), tb.SphereView(SIZE)
-    novel = probe.rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))
-    basis, novel_basis = (tb.render_basis(whole, light, view, progress=True) for light in (probe, novel))
-    for name in tqdm(MATERIALS):
-        library = whole.without(name)
-        estimate = tb.BRDFEstimator(basis.without(name), tb.MaterialClasses.fit(library))
-        truth = whole.table(name)
-        expected = novel_basis.pack(tb.render(truth, novel, view, seed=1))
-        found = []
-        for defect in DEFECTS.values():
-            weights = estimate(*defect(truth, probe, view)).weights
-            got = torch.einsum("nc,ncp->cp", weights, novel_basis.without(name).packed)
-            found.append(float((got - expected).norm() / expected.norm()))
-        yield name, found
+    basis = tb.render_basis(whole, probe, view, progress=True)
+    half_turn = torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
+    novel = tb.render_basis(whole, probe.rotated(half_turn), view, progress=True)
+    photographs = {
+        degrees: tb.render_basis(whole, probe.rotated(rotation(degrees)), view, seed=1, progress=True).subset(MATERIALS)
+        for degrees in {defect.degrees for defect in DEFECTS.values()}
+    }
+    found = torch.empty(len(MATERIALS), len(DEFECTS))
+    for i, name in enumerate(tqdm(MATERIALS)):
+        estimate = tb.BRDFEstimator(basis.without(name), tb.MaterialClasses.fit(whole.without(name)))
+        expected = novel.pack(novel.image(name))
+        others = novel.without(name).packed
+        for j, defect in enumerate(DEFECTS.values()):
+            photograph = photographs[defect.degrees].image(name)
+            weights = estimate(*defect.spoil(photograph, view.mask)).weights
+            got = torch.einsum("nc,ncp->cp", weights, others)
+            found[i, j] = (got - expected).norm() / expected.norm()
+    return found
 
 
 def main() -> None:
     """Print the table: median and worst over the materials."""
-    table = torch.tensor([found for _, found in errors()])
     print("| defect | median error | worst |\n|---|---|---|")
-    for defect, column in zip(DEFECTS, table.T, strict=True):
-        print(f"| {defect} | {column.median():.3f} | {column.max():.3f} |")
+    for name, column in zip(DEFECTS, errors().T, strict=True):
+        print(f"| {name} | {column.median():.3f} | {column.max():.3f} |")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import torchbrdf as tb
-from torchbrdf.directions import half_difference
 from torchbrdf.images import tone_map
 from torchbrdf.latlong import area_mean
 
@@ -36,8 +35,8 @@ def _sky_radiance(directions: Tensor) -> Tensor:
     above = torch.lerp(torch.tensor([0.22, 0.46, 1.1]), torch.tensor([2.8, 1.6, 0.8]), glow)
     radiance = torch.where(up > 0, above, torch.tensor([0.12, 0.11, 0.10]))
     sun = torch.nn.functional.normalize(torch.tensor([-0.65, 0.45, 0.62]), dim=0)
-    angle = half_difference(directions, sun.expand_as(directions))[1][..., None] * 2
-    return torch.where(angle < np.radians(1.5), torch.tensor([1500.0, 1100.0, 700.0]), radiance)
+    from_sun = 2 * torch.asin(torch.linalg.vector_norm(directions - sun, dim=-1, keepdim=True) / 2)
+    return torch.where(from_sun < np.radians(1.5), torch.tensor([1500.0, 1100.0, 700.0]), radiance)
 
 
 def picture(table: tb.MerlTable, probe: tb.LightProbe) -> Tensor:
@@ -98,7 +97,8 @@ def write(path: Path, rows: list[list[Tensor]]) -> None:
         for j, tile in enumerate(tiles):
             pixels = (tile.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8)
             figure.figimage(pixels, left + j * (TILE + gap), y, origin="upper")
-        figure.text(0.5 * left / width, (y + TILE / 2) / height, name, rotation=90, ha="center", va="center", fontsize=8)
+        middle = (y + TILE / 2) / height
+        figure.text(0.5 * left / width, middle, name, rotation=90, ha="center", va="center", fontsize=8)
     for j, title in enumerate(titles):
         x = (left + j * (TILE + gap) + TILE / 2) / width
         figure.text(x, 1 - 0.5 * top / height, title, ha="center", va="center", fontsize=9)

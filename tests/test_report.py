@@ -177,6 +177,9 @@ def test_the_browser_shows_every_picture_offline(report):
                 "Array.from(document.querySelectorAll('.four'), row => new Set(Array.from(row.children, "
                 "figure => Math.round(figure.getBoundingClientRect().top))).size)"
             )
+            tab.emulate_media(media="print")
+            tab.set_viewport_size({"width": 718, "height": 1000})  # A4 less the default margins
+            wider_in_print = tab.evaluate("document.documentElement.scrollWidth > 718")
         finally:
             browser.close()
     assert complaints == []
@@ -184,6 +187,7 @@ def test_the_browser_shows_every_picture_offline(report):
     assert len(widths) >= 15
     assert min(widths) > 0
     assert not wider, "the page scrolls sideways"
+    assert not wider_in_print, "the page does not fit on A4"
     assert plates == [1, 1], "the four pictures of a row do not stand side by side"
 
 
@@ -329,6 +333,6 @@ def test_the_curves_of_a_known_brdf(tiny_tables):
 def test_the_decades_of_a_log_axis():
     assert log_range(np.array([0.02] * 99 + [5.0])) == (-3, 1)
     assert log_range(np.array([0.0, 0.0])) == (-1, 0)
-    low, high = log_range(np.array([1e-12, 1e3]))
+    low, high = log_range(np.array([1e-12] * 99 + [1e3]))
     assert high - low == 7
     assert high == 4

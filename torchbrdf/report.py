@@ -175,7 +175,7 @@ def _observed(evidence: Evidence, view: View) -> str:
     )
     return section(
         "The photograph and its fit",
-        f'<div class="row">{"".join(plates)}</div>',
+        f'<div class="three">{"".join(plates)}</div>',
         f'<div class="row below">{light}{about}</div>',
     )
 
@@ -201,7 +201,7 @@ def _novel(evidence: Evidence) -> str:
         "with two exposures, for the highlight and for what lies beside it. The angle turns the light about the "
         "vertical axis (+Y): 0° is light from the camera, 90° from image right.</p>"
     )
-    rows = (f'<div class="row four">{"".join(figures)}</div>' for figures in (probes, directional))
+    rows = (f'<div class="four">{"".join(figures)}</div>' for figures in (probes, directional))
     return section("Under light that was not photographed", *rows, note)
 
 

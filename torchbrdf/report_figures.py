@@ -43,14 +43,14 @@ def exposure_for(image: Tensor, used: Tensor) -> float:
 def stops_for(image: Tensor) -> tuple[float, float]:
     """Two exposures for (3, H, W), powers of two: for its highlight, and for what lies beside it.
 
-    The first brings the brightest half percent of the lit pixels to white, the second the upper quartile to half
+    The first brings the brightest thousandth of the lit pixels to white, the second the upper quartile to half
     of white, but not below the first.
     """
     bright = image.amax(0)
     lit = bright[bright > 0].double()
     if not len(lit):
         return 1.0, 1.0
-    peak, quartile = (float(torch.quantile(lit, q)) for q in (0.995, 0.75))
+    peak, quartile = (float(torch.quantile(lit, q)) for q in (0.999, 0.75))
     first = 2.0 ** round(log2(1 / peak))
     return first, max(first, 2.0 ** round(log2(0.5 / quartile)))
 

@@ -18,23 +18,27 @@ p { max-width: 46em; margin: 6px 0 12px; }
 .caution ul, .caution p { margin: 4px 0; padding-left: 0; list-style: none; }
 .caution li + li { margin-top: 6px; }
 .row { display: flex; flex-wrap: wrap; gap: 16px; align-items: flex-start; }
+section { overflow-x: auto; }
 figure { margin: 0; }
 .plate { background: var(--grey); padding: 16px; display: flex; justify-content: center; align-items: center;
   print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .plate + figcaption { margin-top: 6px; font-size: 13px; line-height: 1.4; max-width: 272px; }
 figcaption b { font-weight: 600; color: var(--ink); }
-img { display: block; height: auto; }
+img { display: block; height: auto; max-width: 100%; }
 img.large { width: 256px; }
 img.middle { width: 192px; }
 img.small { width: 112px; }
 img.disc { border-radius: 50%; }
-.four { gap: 14px; } .four figure { width: 223px; }
+.three, .four { display: grid; grid-template-columns: repeat(3, minmax(0, 288px)); gap: 16px; }
+.four { grid-template-columns: repeat(4, minmax(0, 1fr)); gap: 14px; }
+.four .plate { aspect-ratio: 1; }
 .below { margin-top: 22px; gap: 22px; } .below div { flex: 1; min-width: 260px; } .below figure { flex: none; }
+@media (max-width: 640px) { .three, .four { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
+.polars figcaption { text-align: center; }
 .polars { display: grid; grid-template-columns: 1fr 1fr; gap: 10px 24px; }
 sub { line-height: 0; }
-.four .plate { height: 223px; }
 .four + .four { margin-top: 18px; }
-.row + .note { margin-top: 18px; }
+.four + .note { margin-top: 18px; }
 .scale { height: 10px; margin: 8px 0 2px; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .ends { display: flex; justify-content: space-between; font-size: 12px; color: var(--soft); }
 table { border-collapse: collapse; font-size: 14px; }
@@ -67,7 +71,10 @@ dl { display: grid; grid-template-columns: max-content 1fr; gap: 3px 22px; font-
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 dd.print { font: 12px/1.7 "SFMono-Regular", Menlo, Consolas, "Liberation Mono", monospace; }
 details summary { cursor: pointer; color: var(--soft); }
-@media print { body { font-size: 11px; } main { padding: 0; max-width: none; }
+@media print { section { overflow: visible; } body { font-size: 11px; } main { padding: 0; max-width: none; }
+  .verdict { font-size: 14px; }
+  .plate { padding: 8px; } table { font-size: 11px; } th, td { padding-right: 9px; } svg.bar { width: 72px; }
+  table.classes .plate { width: 96px; padding: 6px; } table.classes td.shot { padding-right: 6px; }
   figure, tr, .caution { break-inside: avoid; } h2 { break-after: avoid; margin-top: 24px; } }
 """
 
