@@ -2,6 +2,7 @@
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
+from torchbrdf.directional import render_directional
 from torchbrdf.estimator import BRDFEstimator
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
@@ -26,6 +27,7 @@ __all__ = [
     "read_mask",
     "render",
     "render_basis",
+    "render_directional",
     "write_image",
 ]
 

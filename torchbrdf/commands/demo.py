@@ -16,6 +16,7 @@ from torchbrdf.view import SphereView
 
 MATERIAL = "gold-metallic-paint2"
 SIZE = 64
+PICTURE_SIZE = 192
 NOISE = 0.01
 """Standard deviation of the simulated photograph's noise, relative to each pixel."""
 
@@ -34,13 +35,14 @@ def run(options: argparse.Namespace) -> int:
         photograph = clean * (1 + NOISE * noise)
         fitted = fit(Observation(photograph, view.mask), probe, library)
         write_image(folder / "photograph.exr", photograph)
-        settings = {"photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise", "light probe": probe.name}
+        settings = {"title": f"Demo: {MATERIAL}", "photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise", "light probe": probe.name}
         write_results(folder, fitted, probe, library, settings)
-        expected = render(truth, novel, view, seed=2)
-        got = render(fitted.table, novel, view, seed=3)
+        large = SphereView(PICTURE_SIZE)
+        expected = render(truth, novel, large, seed=2)
+        got = render(fitted.table, novel, large, seed=3)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
     print(summary(fitted))
-    print(f"relative error under a light it was not observed under {float(relative_rms(got, expected, view.mask)):.2%}")
+    print(f"relative error under a light it was not observed under {float(relative_rms(got, expected, large.mask)):.2%}")
     print(f"open {options.output}/report.html; novel_light.png shows the truth (left) and the reconstruction (right)")
     return 0
 

@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
         probe = open_probe(options)
         library = open_library(options)
         fitted = fit(observation, probe, library, options.penalty)
-        settings = {"photograph": str(options.photo), "light probe": str(options.probe)}
+        settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
         write_results(folder, fitted, probe, library, settings)
     print(summary(fitted))
     print(f"wrote {options.output}/brdf.binary, weights.json, fitted.exr and report.html")
