@@ -247,9 +247,7 @@ class Quality:
         albedo = (f_r @ weights["albedo"] / (samples.f_r @ weights["albedo"]) - 1).abs()
         norm = torch.sqrt((f_r - samples.f_r) ** 2 @ weights["norm"] / (samples.f_r**2 @ weights["norm"]))
         by_material = [x.reshape(-1, 3) for x in (uniform, cells, albedo, norm)]
-        return cls(
-            by_material[0].mean(1), by_material[1].mean(1), by_material[2].amax(1), by_material[3].amax(1)
-        )
+        return cls(by_material[0].mean(1), by_material[1].mean(1), by_material[2].amax(1), by_material[3].amax(1))
 
     def table(self, names: list[str]) -> str:
         """Markdown: the criteria, then every material."""
@@ -261,9 +259,7 @@ class Quality:
             ("(4) norm of the difference", self.norm, ".1%"),
         )
         for label, error, form in criteria:
-            worst = ", ".join(
-                f"{names[i]} {error[i]:{form}}" for i in error.argsort(descending=True)[:6].tolist()
-            )
+            worst = ", ".join(f"{names[i]} {error[i]:{form}}" for i in error.argsort(descending=True)[:6].tolist())
             rows.append(f"| {label} | {error.median():{form}} | {error.max():{form}} | {worst} |")
         rows += [
             "",
@@ -300,9 +296,7 @@ def main() -> None:
         help="Markdown file whose quality table is replaced",
     )
     parser.add_argument("--checkpoint", type=Path, help="default: in the cache folder; removed at the end")
-    parser.add_argument(
-        "--source", default="unnamed tables", help="where the tables come from, kept in the file"
-    )
+    parser.add_argument("--source", default="unnamed tables", help="where the tables come from, kept in the file")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(1)  # workers share out the columns: the same result for any number

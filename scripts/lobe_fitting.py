@@ -15,10 +15,7 @@ from torchbrdf.microfacet import PARAMETER_NAMES
 
 N_PARAMETERS = len(PARAMETER_NAMES)
 POSITIVE = torch.tensor(
-    [
-        name in ("strength", "width", "bend", "decay", "grazing", "exponent", "softness")
-        for name in PARAMETER_NAMES
-    ]
+    [name in ("strength", "width", "bend", "decay", "grazing", "exponent", "softness") for name in PARAMETER_NAMES]
 )  # fitted as logarithms
 LOWER = torch.tensor([-20.0, -18.0, -1.5, -3.5, -6.0, -8.0, -8.0, -1.5, -8.0, -2.5, -4.5])
 UPPER = torch.tensor([12.0, 3.0, 1.2, 4.0, 6.0, 8.0, 10.0, 2.5, 8.0, 2.5, 1.5])
@@ -154,9 +151,7 @@ class Objective:
         def part(p: Tensor, columns: Tensor) -> Tensor:
             return self.residuals(model(p, self.geometry)[0], columns, eps).loss
 
-        return torch.cat(
-            list(self.workers.map(part, p.split(COLUMNS_AT_ONCE), columns.split(COLUMNS_AT_ONCE)))
-        )
+        return torch.cat(list(self.workers.map(part, p.split(COLUMNS_AT_ONCE), columns.split(COLUMNS_AT_ONCE))))
 
     def normal_equations(self, p: Tensor, columns: Tensor, eps: float) -> tuple[Tensor, Tensor, Tensor]:
         """loss (m,), curvature (m, P, P) and gradient (m, P) in float64, P = lobes * N_PARAMETERS."""
@@ -235,15 +230,9 @@ def minimise(
             ridge = diagonal + 1e-3 * diagonal.mean(1, keepdim=True) + 1e-9
             state.loss, todo = start.clone(), torch.arange(len(columns))
             for _ in range(2):
-                damped = curvature[todo] + torch.diag_embed(
-                    state.damping[todo, None] * ridge[todo] + 1 - free[todo]
-                )
+                damped = curvature[todo] + torch.diag_embed(state.damping[todo, None] * ridge[todo] + 1 - free[todo])
                 step = torch.linalg.solve(damped, (gradient * free)[todo]).clamp(-1.5, 1.5)
-                trial = (
-                    torch.minimum(torch.maximum(flat[todo] - step, low), high)
-                    .float()
-                    .unflatten(1, (lobes, -1))
-                )
+                trial = torch.minimum(torch.maximum(flat[todo] - step, low), high).float().unflatten(1, (lobes, -1))
                 loss = objective.loss(trial, columns[todo], e)
                 better = loss < start[todo]
                 state.p[todo[better]], state.loss[todo[better]] = trial[better], loss[better]

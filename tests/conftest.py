@@ -1,6 +1,7 @@
 """What several test modules share: the data beside the repository, small libraries, a cache of their own."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -61,6 +62,23 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TORCHBRDF_CACHE", str(folder))
         yield folder
+
+
+@pytest.fixture
+def must_end() -> Iterator[None]:
+    """Turn an endless loop into a failure: a minute is a hundred times what these tests need."""
+
+    def stop(*_: object) -> None:
+        raise TimeoutError("still running after 60 s: an endless loop")
+
+    if not hasattr(signal, "SIGALRM"):
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture(scope="session")

@@ -32,9 +32,7 @@ NEUTRAL = {
 
 
 def one_lobe(**changes: float) -> dict[str, Tensor]:
-    return {
-        name: torch.tensor([[value]], dtype=torch.float64) for name, value in {**NEUTRAL, **changes}.items()
-    }
+    return {name: torch.tensor([[value]], dtype=torch.float64) for name, value in {**NEUTRAL, **changes}.items()}
 
 
 def some_angles(count: int, seed: int = 0, lowest: float = 0.02) -> tuple[Tensor, Tensor, Tensor]:
@@ -49,13 +47,10 @@ def some_angles(count: int, seed: int = 0, lowest: float = 0.02) -> tuple[Tensor
 
 def some_parameters(n: int, lobes: int, seed: int = 0) -> dict[str, Tensor]:
     generator = torch.Generator().manual_seed(seed)
-    spread = {
-        name: torch.randn(n, lobes, generator=generator, dtype=torch.float64) for name in PARAMETER_NAMES
-    }
+    spread = {name: torch.randn(n, lobes, generator=generator, dtype=torch.float64) for name in PARAMETER_NAMES}
     signed = ("widening", "widening_quadratic", "slope", "masking")
     return {
-        name: 0.5 * value if name in signed else NEUTRAL[name] * value.mul(0.5).exp()
-        for name, value in spread.items()
+        name: 0.5 * value if name in signed else NEUTRAL[name] * value.mul(0.5).exp() for name, value in spread.items()
     }
 
 
@@ -147,9 +142,7 @@ def test_expanded_row_is_the_function_at_the_cell_centres(i):
 
 def test_missing_or_misshapen_parameters():
     parameters = one_lobe()
-    with pytest.raises(
-        ValueError, match=r"^lobe parameters lack bend, slope; each of PARAMETER_NAMES is needed$"
-    ):
+    with pytest.raises(ValueError, match=r"^lobe parameters lack bend, slope; each of PARAMETER_NAMES is needed$"):
         evaluate_lobes({k: v for k, v in parameters.items() if k not in ("bend", "slope")}, *some_angles(1))
     wrong = {**parameters, "slope": torch.zeros(1, 2)}
     with pytest.raises(ValueError, match=r"share one shape, got slope \(1, 2\) beside strength \(1, 1\)$"):
@@ -235,7 +228,5 @@ def test_default_library_is_close_to_the_decoded_tables(name, decoded_tables):
     z_i, z_o = (w[..., 2] for w in from_half_difference(*cell_centres()))
     high = (z_i >= 0.05) & (z_o >= 0.05)
     cosine = z_i[high][:, None]
-    error = (
-        (torch.log1p(fitted.values[high] * cosine) - torch.log1p(decoded.values[high] * cosine)).abs().mean()
-    )
+    error = (torch.log1p(fitted.values[high] * cosine) - torch.log1p(decoded.values[high] * cosine)).abs().mean()
     assert error <= 0.2

@@ -101,7 +101,7 @@ def expand_row(parameters: Parameters, theta_h: float) -> Tensor:
         coefficients.append([term[:, None].float().numpy() for term in terms])
     row = np.zeros((*GRID[1:], len(parameters["strength"])), dtype=np.float32)
 
-    # NumPy rather than torch: serial it takes seconds, where on busy cores the barriers of torch's threads take minutes.
+    # NumPy, serial: seconds. The same in torch on busy cores takes minutes, at the barriers of its threads.
     buffer = np.empty_like(row[:_BLOCK_ROWS, :half])
     for start in range(0, GRID[1], _BLOCK_ROWS):
         rows = slice(start, start + _BLOCK_ROWS)

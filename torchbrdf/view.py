@@ -151,11 +151,14 @@ class NormalMapView(View):
             view_dirs = torch.tensor([0.0, 0.0, 1.0])[:, None, None].expand(normals.shape)
         elif view_dirs.shape != normals.shape:
             raise ValueError(f"view_dirs must be {tuple(normals.shape)} like normals, got {tuple(view_dirs.shape)}")
-        unsound = int((mask & ~usable).sum())
-        if unsound:
-            raise ValueError(f"normals are zero or not finite in {unsound} pixels of the mask; take those out of it")
+        distance = torch.linalg.vector_norm(view_dirs, dim=0, keepdim=True)
+        seen = torch.isfinite(distance) & (distance > 0)
+        for what, sound in (("normals", usable), ("view_dirs", seen)):
+            unsound = int((mask & ~sound).sum())
+            if unsound:
+                raise ValueError(f"{what} are zero or not finite in {unsound} pixels of the mask; take those out of it")
         self._normals = torch.where(usable, normals / length, 0).float()
-        self._view_dirs = normalize(view_dirs.float(), dim=0)
+        self._view_dirs = torch.where(seen, view_dirs / distance, 0).float()
         self.mask = mask & ((self._normals * self._view_dirs).sum(0, keepdim=True) > 0)
         if not self.mask.any():
             raise ValueError("no pixel under the mask has a normal that faces the camera")
