@@ -2,17 +2,17 @@
 
     python scripts/unseen_materials.py --library MERL_DIR --targets TABLE_DIR --observe grace.hdr --novel uffizi.hdr
 
-Every table of TABLE_DIR is rendered under the first probe, with noise, fitted, and compared under the second:
-|rendered - target| / |target| over all pixels under the mask and channels, in per cent. Targets have their own
-random numbers and four times as many samples as the basis.
+Every table of TABLE_DIR is rendered under the first probe, with noise, fitted, and its weights rendered under the
+second (Y w): |rendered - target| / |target| over all pixels under the mask and channels, in per cent. Targets have
+their own random numbers and four times as many samples as the basis.
 """
 
 import argparse
 import statistics
-import sys
 from pathlib import Path
 
 import torch
+from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.estimator import DEFAULT_PENALTY
@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--targets", type=Path, required=True, help="folder of *.binary tables to recover")
     parser.add_argument("--observe", required=True, help="light probe of the photograph")
     parser.add_argument("--novel", required=True, help="light probe of the comparison")
-    parser.add_argument("--noise", type=float, default=0.0, help="noise in %% of every pixel; default: 0")
+    parser.add_argument("--noise", type=float, nargs="*", default=[0, 1, 2], help="noise in %% of every pixel")
     parser.add_argument("--size", type=int, default=64)
     parser.add_argument("--penalties", type=float, nargs="*", default=[], help="more values of lambda to try")
     options = parser.parse_args()
@@ -36,6 +36,7 @@ def main() -> None:
     observe, novel = tb.LightProbe.open(options.observe), tb.LightProbe.open(options.novel)
     view = tb.SphereView(options.size)
     basis = tb.render_basis(library, observe, view, progress=True)
+    novel_basis = tb.render_basis(library, novel, view, progress=True)
     classes, single = tb.MaterialClasses.fit(library), tb.MaterialClasses.single(library)
     methods = {
         "naive": tb.BRDFEstimator(basis, single, penalty=0.0, solver="lstsq"),
@@ -47,26 +48,31 @@ def main() -> None:
         methods[f"classes {penalty:g}"] = tb.BRDFEstimator(basis, classes, penalty)
         methods[f"single {penalty:g}"] = tb.BRDFEstimator(basis, single, penalty)
 
-    print("observation / novel light [%]".ljust(34) + "".join(name.rjust(16) for name in methods))
-    errors: dict[str, list[tuple[float, float]]] = {name: [] for name in methods}
-    for i, path in enumerate(table_paths(options.targets)):
-        target = tb.MerlTable.open(path)
-        seen = tb.render(target, observe, view, 4 * DEFAULT_SAMPLES, seed=1000 + i)
-        truth = tb.render(target, novel, view, 4 * DEFAULT_SAMPLES, seed=2000 + i)
-        noise = torch.randn(seen.shape, generator=torch.Generator().manual_seed(i))
-        for name, estimator in methods.items():
-            result = estimator(seen * (1 + options.noise / 100 * noise))
-            relit = tb.render(result.brdf(library), novel, view, DEFAULT_SAMPLES, seed=3000 + i)
-            errors[name].append((100 * float(result.relative_error), 100 * relative_rms(relit, truth, view.mask)))
-        print(path.stem.ljust(34) + "".join(_cell(*errors[name][-1]) for name in methods), flush=True)
-    for label, summarise in (("mean", statistics.mean), ("worst", max)):
-        rows = {name: [summarise(values) for values in zip(*pairs, strict=True)] for name, pairs in errors.items()}
-        print(label.ljust(34) + "".join(_cell(*rows[name]) for name in methods))
+    targets = []
+    for i, path in enumerate(tqdm(table_paths(options.targets), desc="targets", leave=False)):
+        table = tb.MerlTable.open(path)
+        seen = tb.render(table, observe, view, 4 * DEFAULT_SAMPLES, seed=1000 + i)
+        targets.append((path.stem, seen, tb.render(table, novel, view, 4 * DEFAULT_SAMPLES, seed=2000 + i)))
+
+    for level in options.noise:
+        title = f"\n{level:g} % noise; observation / novel light [%]"
+        print(title.ljust(48) + "".join(f"{name:>17}" for name in methods))
+        errors: dict[str, list[tuple[float, float]]] = {name: [] for name in methods}
+        for i, (label, seen, truth) in enumerate(targets):
+            noise = torch.randn(seen.shape, generator=torch.Generator().manual_seed(i))
+            for name, estimator in methods.items():
+                result = estimator(seen * (1 + level / 100 * noise))
+                relit = novel_basis.unpack(torch.einsum("nc,ncp->cp", result.weights, novel_basis.packed))
+                errors[name].append((100 * float(result.relative_error), 100 * relative_rms(relit, truth, view.mask)))
+            print(label.ljust(47) + "".join(_cell(*errors[name][-1]) for name in methods))
+        for label, summarise in (("mean", statistics.mean), ("worst", max)):
+            rows = {name: [summarise(values) for values in zip(*pairs, strict=True)] for name, pairs in errors.items()}
+            print(label.ljust(47) + "".join(_cell(*rows[name]) for name in methods))
 
 
 def _cell(observation: float, novel: float) -> str:
-    return f"{observation:.2f} / {novel:.2f}".rjust(16)
+    return f"{observation:.2f} / {novel:.2f}".rjust(17)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

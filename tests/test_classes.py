@@ -280,6 +280,27 @@ class TestDegenerate:
         assert classes.n_classes < 4
         assert_sound(classes)
 
+    def library_of(self, columns: Tensor, tiny_library: MaterialLibrary) -> MaterialLibrary:
+        """Ten materials whose 30 columns are given: only their Gram matrix counts."""
+        return MaterialLibrary._whole(replace(tiny_library.stored, gram=columns.T @ columns))
+
+    @pytest.mark.parametrize("noise", [1e-9, 1e-8, 1e-7])
+    def test_materials_that_differ_by_less_than_any_measurement(self, tiny_library: MaterialLibrary, noise: float):
+        g = torch.Generator().manual_seed(0)
+        one = torch.rand(200, 1, generator=g, dtype=torch.float64)
+        columns = one * (1 + noise * torch.randn(200, 30, generator=g, dtype=torch.float64))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            assert_sound(MaterialClasses.fit(self.library_of(columns, tiny_library)))
+
+    def test_five_brdfs_six_times_over(self, tiny_library: MaterialLibrary):
+        """Four classes of at least five different members would take twenty different BRDFs."""
+        g = torch.Generator().manual_seed(0)
+        five = torch.rand(200, 5, generator=g, dtype=torch.float64) * torch.tensor([1.0, 2.0, 5.0, 9.0, 20.0])
+        library = self.library_of(five.repeat(1, 6), tiny_library)
+        classes = fit_with_warning(library, r"supports 1 material class, not 4")
+        assert_sound(classes)
+
     def test_duplicates_stay_together(self, tiny_tables: dict[str, MerlTable]):
         """The same material twice under two names belongs to the same class twice."""
         twice = [MerlTable(t.values, t.valid, t.name + suffix) for t in tiny_tables.values() for suffix in ("", "-b")]

@@ -327,11 +327,11 @@ class TestGradients:
     @pytest.mark.parametrize("penalty", ["paper", 0.01, 0.0])
     def test_gradcheck(self, estimator: BRDFEstimator, basis: BasisImages, penalty):
         solved = BRDFEstimator(basis, classes_of(), penalty=penalty, solver=estimator.solver)
-        image, mask = some_images(2).requires_grad_(), some_masks(2)
+        image, mask = some_images().requires_grad_(), some_masks()
 
         def outputs(image: Tensor) -> tuple[Tensor, ...]:
             result = solved(image, mask)
-            return result.weights, result.class_errors, result.relative_error, result.image
+            return result.class_weights, result.class_errors, result.relative_error, result.image[:, :2]
 
         assert torch.autograd.gradcheck(outputs, image)
 

@@ -215,14 +215,17 @@ class TestCombine:
         a, b = tiny_library.combine(few).values[valid], tiny_library.combine(many).values[valid]
         assert torch.allclose(a, b, rtol=1e-5, atol=1e-9)
 
-    def test_subset_uses_its_own_columns(self, tiny_library: MaterialLibrary):
-        some = tiny_library.subset(["copper-0.08", "white"])
-        weights = self.weights(6, 2).abs()
+    @pytest.mark.parametrize("names", [("copper-0.08", "white"), ("copper-0.08", "white", "gold-0.3", "teal")])
+    def test_subset_uses_its_own_columns(self, tiny_library: MaterialLibrary, names: tuple[str, ...]):
+        """Few columns and many: two ways to gather."""
+        weights = self.weights(3 * len(names), 2).abs()
         whole = torch.zeros(30, 3, dtype=torch.float64)
-        whole[27:30], whole[0:3] = weights[:3], weights[3:]
+        for i, name in enumerate(names):
+            first = 3 * tiny_library.names.index(name)
+            whole[first : first + 3] = weights[3 * i : 3 * i + 3]
         valid = above_horizon()
-        a, b = some.combine(weights).values[valid], tiny_library.combine(whole).values[valid]
-        assert torch.allclose(a, b, rtol=1e-5)
+        a, b = tiny_library.subset(names).combine(weights), tiny_library.combine(whole)
+        assert torch.allclose(a.values[valid], b.values[valid], rtol=1e-5)
 
     def test_measured_where_every_material_with_a_weight_is(self):
         tables = [random_table("a", 1, 1, 0.7), random_table("b", 2, 1, 0.8), random_table("c", 3, 1, 0.5)]

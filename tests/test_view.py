@@ -186,16 +186,21 @@ class TestNormalMap:
         *_, found, _ = sub_pixel(view, 9)
         assert float((found[0].abs() - 0.5**0.5).abs().max()) < 1e-6
 
-    def test_slopes_do_not_reach_outside_the_mask_or_across_the_border(self):
-        """The left half curves, the right half is garbage outside the mask; columns 0 and 5 must not mix."""
+    @pytest.mark.parametrize("used", [4, 6])
+    @pytest.mark.parametrize("turned", [False, True])
+    def test_slopes_do_not_reach_outside_the_mask_or_across_the_border(self, used: int, turned: bool):
+        """A cylinder of six columns (or rows); beyond those used is garbage, and the last is no neighbour of the
+        first.
+        """
         angle = torch.linspace(-0.5, 0.5, 6)
-        normals = torch.stack([angle.sin(), torch.zeros(6), angle.cos()])[:, None].repeat(1, 4, 1)
-        mask = torch.ones(1, 4, 6, dtype=torch.bool)
-        mask[..., 4:] = False
-        normals[:, :, 4:] = torch.tensor([0.0, 0.9, 0.5])[:, None, None]
-        view = NormalMapView(normals, mask)
-        pixels, u, _, found, _ = sub_pixel(view, 9)
-        exact = angle[pixels % 6][:, None] + (u - 0.5) * 0.2
+        normals = torch.stack([angle.sin(), torch.zeros(6), angle.cos()])[:, None].repeat(1, 6, 1)
+        normals[:, :, used:] = torch.tensor([0.0, 0.9, 0.5])[:, None, None]
+        mask = (torch.arange(6) < used).expand(1, 6, 6).clone()
+        if turned:
+            normals, mask = normals.transpose(1, 2).contiguous(), mask.transpose(1, 2).contiguous()
+        pixels, u, v, found, _ = sub_pixel(NormalMapView(normals, mask), 9)
+        along, step = (pixels // 6, v) if turned else (pixels % 6, u)
+        exact = angle[along][:, None] + (step - 0.5) * 0.2
         assert float(found[1].abs().max()) == 0
         assert torch.allclose(torch.atan2(found[0], found[2]), exact, atol=2e-3)
 

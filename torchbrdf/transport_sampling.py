@@ -1,27 +1,34 @@
-"""Weighted MERL cells that stand for the light a pixel reflects: what the transport gathers.
+"""Weighted MERL cells that stand for the light that pixels reflect.
 
-The integral over a pixel's area and over light directions is four-dimensional. Per pixel, strata of the light
-are chosen in proportion to an estimate of what they contribute to glossy and to matt materials (a product of
-light, cosine and lobe); then come a point within the stratum and one within the pixel. The choice of stratum and
-the first coordinate in it are the equidistant coordinate of a Hammersley set; Sobol' points with a random digital
-shift per pixel [LL02] give the others.
+The integral over a pixel's area and over light directions is four-dimensional. Part of a pixel's samples follow
+the light: a stratum in proportion to its importance for this pixel, a point in it, and a place in the pixel. The
+others follow half vectors: theta_h = u^2 pi/2, MERL's own warp, so that each row of its grid gets equally many.
+The balance heuristic joins the two [VG95, sec. 3]. The coordinate that chooses the stratum, or theta_h, is
+equidistant; Sobol' points give the three others, as in a Hammersley set, with a random shift per pixel: an
+offset for the first, exclusive or with random digits for the others [LL02].
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import torch
 from torch import Tensor
 
-from torchbrdf.light_strata import GRID, LightStrata
-from torchbrdf.merl import GRID as CELLS
+from torchbrdf.light_strata import SIDE, LightStrata
+from torchbrdf.merl import GRID
+from torchbrdf.transport_importance import Lobes, stratum_importance
 from torchbrdf.view import View
 
-_BITS = 24
-_LOBE = 0.03
-_NARROWEST = 0.01
-_LOBE2 = 0.001
+DIGITS = 24
+"""Binary digits of the random numbers: as many as a float32 holds."""
+
+LEAST = 8
+"""Samples a pixel that `TransportSampler.draw` needs at least."""
+
+_HALF_VECTORS = 3
+"""Of eight samples, how many follow half vectors."""
+
+_TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -36,94 +43,179 @@ class TransportSamples:
     weights: Tensor
 
 
-def net(n: int, seed: int) -> Tensor:
-    """(3, n) int32: scrambled Sobol' points in units of 2^-24."""
-    points = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(n, dtype=torch.float64)
-    return (points.T * 2**_BITS).to(torch.int32).contiguous()
+@dataclass(frozen=True)
+class TransportSampler:
+    """Draws the samples of any pixels of one view under one light.
 
-
-def stratum_importance(strata: LightStrata, view: View, pixels: Tensor) -> Tensor:
-    """(Q, K) >= 0: about what each stratum adds to each pixel; 0 only where it lies below the horizon."""
-    corners = torch.tensor([[0.5, 0.0, 1.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0, 1.0]], device=pixels.device)
-    normals, view_dirs = view.surface(pixels, *corners[:, None].expand(2, len(pixels), 5))
-    normal, w_o = normals[:, :, 0].T, view_dirs[:, :, 0].T
-    spread = torch.acos((normals[:, :, :1] * normals).sum(0).amin(1).clamp(-1, 1))[:, None]
-    cos_i = normal @ strata.axis.T
-    cos_o = (normal * w_o).sum(1, keepdim=True)
-    s_squared = (w_o @ strata.axis.T).mul_(2).add_(2.0001)
-    reach = 1.05 * spread + strata.radius
-    cosine = (cos_i + reach).clamp_min_(0)
-    cosine = torch.minimum(cosine, 2 * reach).square_().div_(4 * reach).add_((cos_i - reach).clamp_min_(0))
-    sine_squared = 1 - (cos_i + cos_o).square_().div_(s_squared)
-    width_squared = (0.25 * strata.radius.square()) / s_squared
-    width_squared += (0.5 * spread).square() + _NARROWEST**2
-    x = sine_squared.clamp_min_(0).add_(width_squared).reciprocal_()
-    lobe = 1 + _LOBE * x + _LOBE2 * x * x
-    return cosine * lobe * strata.share.float()
-
-
-def sample_transport(
-    strata: LightStrata, view: View, pixels: Tensor, shift: Tensor, points: Tensor
-) -> TransportSamples:
-    """Weighted cells of some pixels.
-
-    pixels   (Q,)   flat indices under the view's mask
-    shift    (Q, 4) int32 in [0, 2^24): a random shift per pixel
-    points   (3, S) int32 in [0, 2^24)
+    points  (3, N)  int32, Sobol' points in units of 2^-DIGITS, N a power of two
+    shifts  (P, 8)  int32 in [0, 2^DIGITS): for each half of the samples one offset and three masks of digits
     """
-    q, s = len(pixels), points.shape[1]
-    k = len(strata.share)
-    weight = stratum_importance(strata, view, pixels)
-    edges = weight.double().cumsum(1)
-    edges *= s / edges[:, -1:]
-    offset = shift[:, :1].double() * 2.0**-_BITS
-    last = torch.ceil(edges - offset).clamp_(0, s)
-    last[:, -1] = s
-    counts = torch.diff(last, dim=1, prepend=torch.zeros_like(last[:, :1])).long()
-    pair = torch.repeat_interleave(torch.arange(q * k, device=pixels.device), counts.reshape(-1), output_size=q * s)
-    begin = torch.nn.functional.pad(edges[:, :-1], (1, 0))
-    width = (edges - begin).clamp_min_(1e-300)
-    slope = (GRID / width).float()
-    x = (torch.arange(s, device=pixels.device) + offset).reshape(-1)  # float64
-    column = ((x - begin.reshape(-1).index_select(0, pair)).float() * slope.reshape(-1).index_select(0, pair)).to(torch.int32).clamp_(0, GRID - 1)
-    numbers = points[:, None, :] ^ shift.T[1:, :, None]
-    row = numbers[0] >> (_BITS - 4)
-    stratum = pair.view(q, s) - torch.arange(0, q * k, k, device=pixels.device)[:, None]
-    at = (stratum * GRID + column.view(q, s)) * GRID + row
-    at = at.reshape(-1)
-    u, v = numbers[1:].float() * 2.0**-_BITS
-    normal, w_o = view.surface(pixels, u, v)
-    scale = (1 / width).float().reshape(-1).index_select(0, pair).view(q, s)
-    w_i = strata.directions.T.contiguous().index_select(1, at).view(3, q, s)
-    emission = strata.emission.T.contiguous().index_select(1, at).view(3, q, s)
-    cells, cos_i = cells_of(normal, w_o, w_i)
-    return TransportSamples(cells, emission * (cos_i * scale))
+
+    strata: LightStrata
+    view: View
+    points: Tensor
+    shifts: Tensor
+
+    @classmethod
+    def build(cls, strata: LightStrata, view: View, most: int, generator: torch.Generator) -> "TransportSampler":
+        """most: samples a pixel at most, a power of two; the generator (on the CPU) makes all that is random."""
+        seed = int(torch.randint(0, 2**31, (1,), generator=generator))
+        engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed)
+        points = (engine.draw(most, dtype=torch.float64).T * 2**DIGITS).to(torch.int32).contiguous()
+        device = strata.share.device
+        return cls(strata, view, points.to(device), _random_shifts(len(view.pixels), generator).to(device))
+
+    def reshifted(self, generator: torch.Generator) -> "TransportSampler":
+        """The same with independent random shifts."""
+        return replace(self, shifts=_random_shifts(len(self.shifts), generator).to(self.shifts.device))
+
+    def draw(self, chosen: Tensor, samples: int, lobes: Lobes) -> TransportSamples:
+        """Samples of some pixels.
+
+        chosen   (Q,)  int64, which of the pixels under the mask
+        samples  S, a power of two of at least LEAST
+        """
+        device = chosen.device
+        pixels = self.view.pixels.to(device)[chosen]
+        shifts = self.shifts[chosen]
+        n_half = _HALF_VECTORS * samples // 8
+        n_light = samples - n_half
+        importance = stratum_importance(self.strata, lobes, self.view, pixels)
+        by_light = self._light_samples(pixels, shifts[:, :4], importance, n_light, n_half)
+        by_half = self._half_vector_samples(pixels, shifts[:, 4:], importance, n_light, n_half)
+        return TransportSamples(
+            torch.cat([by_light.cells, by_half.cells], 1), torch.cat([by_light.weights, by_half.weights], 2)
+        )
+
+    def _numbers(self, shifts: Tensor, n: int) -> tuple[Tensor, Tensor]:
+        """The equidistant coordinate (Q, n) in [0, n), float64, and the others (3, Q, n) as int32."""
+        steps = torch.arange(n, dtype=torch.float64, device=shifts.device)
+        others = self.points[:, None, :n] ^ shifts.T[1:, :, None]
+        return steps + shifts[:, :1] * 2.0**-DIGITS, others
+
+    def _light_samples(
+        self, pixels: Tensor, shifts: Tensor, importance: Tensor, n_light: int, n_half: int
+    ) -> TransportSamples:
+        q, k = importance.shape
+        x, numbers = self._numbers(shifts, n_light)
+        ends = importance.double().cumsum(1)
+        ends = ends * (n_light / ends[:, -1:].clamp_min(1e-300))  # in samples
+        begins = torch.nn.functional.pad(ends[:, :-1], (1, 0))
+        last = torch.ceil(ends - x[:, :1]).clamp_(0, n_light)
+        last[:, -1] = n_light
+        counts = torch.diff(last, dim=1, prepend=torch.zeros_like(last[:, :1])).long()
+        pairs = torch.arange(q * k, dtype=torch.int32, device=pixels.device)
+        pair = torch.repeat_interleave(pairs, counts.reshape(-1), output_size=q * n_light)
+
+        expected = (ends - begins).clamp_min_(1e-300)
+        into = (x.reshape(-1) - begins.reshape(-1).index_select(0, pair)).float()
+        into *= (SIDE / expected).float().reshape(-1).index_select(0, pair)
+        row = into.to(torch.int32).clamp_(0, SIDE - 1).view(q, n_light)
+        column = (numbers[0] * SIDE) >> DIGITS
+        stratum = pair.view(q, n_light) - pairs[::k, None]
+        point = (stratum * SIDE).add_(row).mul_(SIDE).add_(column).reshape(-1)
+
+        strata = self.strata
+        w_i = strata.directions.index_select(1, point).view(3, q, n_light)
+        radiance = strata.radiance.index_select(1, point).view(3, q, n_light)
+        per_density = (expected / strata.share).float().reshape(-1).index_select(0, pair)
+        density = strata.density.index_select(0, point).mul_(per_density).view(q, n_light)
+        place = numbers[1:].float() * 2.0**-DIGITS
+        normal, w_o = self.view.surface(pixels, place[0], place[1])
+        seen = reflection(normal, w_o, w_i)
+        return seen.weigh(radiance, density.add_(seen.half_vector_density, alpha=n_half))
+
+    def _half_vector_samples(
+        self, pixels: Tensor, shifts: Tensor, importance: Tensor, n_light: int, n_half: int
+    ) -> TransportSamples:
+        q, k = importance.shape
+        x, numbers = self._numbers(shifts, n_half)
+        azimuth, u, v = numbers.float() * 2.0**-DIGITS
+        normal, w_o = self.view.surface(pixels, u, v)
+        theta_h = (x / n_half).float().square_().mul_(pi / 2)
+        w_i = _mirrored(normal, w_o, theta_h, azimuth.mul_(2 * pi))
+        radiance, density, stratum = self.strata.seen(w_i)
+        total = importance.sum(1, keepdim=True).clamp_min(1e-30)
+        per_density = (importance * (n_light / total)).div_(self.strata.share).float()
+        stratum += torch.arange(0, q * k, k, dtype=torch.int32, device=pixels.device)[:, None]
+        density *= per_density.reshape(-1).index_select(0, stratum.reshape(-1)).view(q, n_half)
+        seen = reflection(normal, w_o, w_i)
+        return seen.weigh(radiance, density.add_(seen.half_vector_density, alpha=n_half))
 
 
-def _dot(a: Tensor, b: Tensor) -> Tensor:
+def _random_shifts(n: int, generator: torch.Generator) -> Tensor:
+    return torch.randint(0, 2**DIGITS, (n, 8), generator=generator, dtype=torch.int32)
+
+
+@dataclass(frozen=True)
+class Reflection:
+    """Direction pairs about normals in world space, all (Q, S).
+
+    cells                int32, flat MERL cells
+    cos_i                max(0, cos(theta_i)); 0 (and cell 0) where either direction is below the horizon
+    half_vector_density  1/sr, over w_i, of half vectors with theta_h = u^2 pi/2
+    """
+
+    cells: Tensor
+    cos_i: Tensor
+    half_vector_density: Tensor
+
+    def weigh(self, radiance: Tensor, density: Tensor) -> TransportSamples:
+        """Weights of samples, given their radiance (3, Q, S) and the expected number of samples a sr (Q, S)."""
+        return TransportSamples(self.cells, radiance * (self.cos_i / density))
+
+
+def reflection(n: Tensor, w_o: Tensor, w_i: Tensor) -> Reflection:
+    """Cell, cosine and density of unit vectors (3, Q, S): normals, directions to the camera and to the light.
+
+    As `half_difference`, without a local frame. With s = w_i + w_o = 2 cos(theta_d) h: the part of s normal to n
+    gives theta_h without cancellation; phi_d = atan2(2 n.(w_o x w_i) / |s|, cos_o - cos_i). Half vectors with
+    uniform u = sqrt(theta_h 2 / pi) have p(h) = 1 / (2 pi^2 u sin(theta_h)), and p(w_i) = p(h) / (4 cos(theta_d)).
+    """
+    cos_i, cos_o = _dot(n, w_i), _dot(n, w_o)
+    cos_s = cos_i + cos_o
+    s = w_i + w_o
+    length = torch.sqrt(_dot(s, s)).clamp_min_(_TINY)
+    across = [torch.addcmul(s[axis], cos_s, n[axis], value=-1) for axis in range(3)]
+    sin_s = torch.sqrt(_dot(across, across))
+    u = torch.atan2(sin_s, cos_s).clamp_min_(0).mul_(2 / pi).sqrt_()
+    density = (u * sin_s).mul_(4 * pi * pi).clamp_min_(_TINY).reciprocal_()
+    row = u.mul_(GRID[0]).to(torch.int32).clamp_(0, GRID[0] - 1)
+    theta_d = torch.acos((0.5 * length).clamp_max_(1))
+    column = theta_d.mul_(GRID[1] * 2 / pi).to(torch.int32).clamp_(0, GRID[1] - 1)
+    sine = _dot(n, _cross(w_o, w_i)).mul_(2)
+    phi_d = torch.atan2(sine, (cos_o - cos_i).mul_(length)).mul_(GRID[2] / pi)
+    phi_d = torch.where(phi_d < 0, phi_d + GRID[2], phi_d)
+    visible = (cos_i > 0) & (cos_o > 0)
+    cells = row.mul_(GRID[1]).add_(column).mul_(GRID[2])
+    cells = cells.add_(phi_d.to(torch.int32).clamp_(0, GRID[2] - 1)).mul_(visible)
+    return Reflection(cells, cos_i.mul_(visible), density)
+
+
+def _mirrored(normal: Tensor, w_o: Tensor, theta_h: Tensor, phi_h: Tensor) -> Tensor:
+    """The light directions (3, Q, S) whose half vectors stand at theta_h, phi_h (Q, S) about the normals."""
+    t, b = _tangents(normal)
+    sin_h = torch.sin(theta_h)
+    h = torch.cos(theta_h) * normal
+    h.addcmul_(sin_h * torch.cos(phi_h), t).addcmul_(sin_h.mul_(torch.sin(phi_h)), b)
+    return h.mul_(2 * _dot(h, w_o)).sub_(w_o)
+
+
+def _tangents(n: Tensor) -> tuple[Tensor, Tensor]:
+    """Two unit vectors (3, ...) orthogonal to unit vectors n (3, ...) and to each other [DBCHKLV17]."""
+    sign = torch.where(n[2] >= 0, 1.0, -1.0)
+    a = -1 / (sign + n[2])
+    c = n[0] * n[1] * a
+    t = torch.stack([1 + sign * n[0] * n[0] * a, sign * c, -sign * n[0]])
+    return t, torch.stack([c, sign + n[1] * n[1] * a, -n[1]])
+
+
+Components = Tensor | list[Tensor]
+
+
+def _dot(a: Components, b: Components) -> Tensor:
     return (a[0] * b[0]).addcmul_(a[1], b[1]).addcmul_(a[2], b[2])
 
 
-def cells_of(n: Tensor, w_o: Tensor, w_i: Tensor) -> tuple[Tensor, Tensor]:
-    """Cells (Q, S) int32 and max(0, cos theta_i); cell 0 and cosine 0 where a direction is below the horizon."""
-    cos_i, cos_o = _dot(n, w_i), _dot(n, w_o)
-    s = w_i + w_o
-    cos_s = cos_i + cos_o
-    length = torch.sqrt(_dot(s, s)).clamp_min_(1e-12)
-    # s minus its part along n
-    e = [torch.addcmul(s[i], cos_s, n[i], value=-1) for i in range(3)]
-    sin_s = torch.sqrt((e[0] * e[0]).addcmul_(e[1], e[1]).addcmul_(e[2], e[2]))
-    row = torch.atan2(sin_s, cos_s).mul_(2 / pi * CELLS[0] ** 2).clamp_min_(0).sqrt_().to(torch.int32).clamp_(0, CELLS[0] - 1)
-    d_row = torch.acos((0.5 * length).clamp_max_(1)).mul_(2 * CELLS[1] / pi).to(torch.int32).clamp_(0, CELLS[1] - 1)
-    cross = [
-        torch.addcmul(w_o[1] * w_i[2], w_o[2], w_i[1], value=-1),
-        torch.addcmul(w_o[2] * w_i[0], w_o[0], w_i[2], value=-1),
-        torch.addcmul(w_o[0] * w_i[1], w_o[1], w_i[0], value=-1),
-    ]
-    triple = (cross[0] * n[0]).addcmul_(cross[1], n[1]).addcmul_(cross[2], n[2]).mul_(2)
-    phi = torch.atan2(triple, (cos_o - cos_i).mul_(length))
-    phi.mul_(CELLS[2] / pi)
-    phi = torch.where(phi < 0, phi + CELLS[2], phi).to(torch.int32).clamp_(0, CELLS[2] - 1)
-    visible = (cos_i > 0) & (cos_o > 0)
-    cells = row.mul_(CELLS[1]).add_(d_row).mul_(CELLS[2]).add_(phi).mul_(visible)
-    return cells, cos_i.mul_(visible)
+def _cross(a: Tensor, b: Tensor) -> list[Tensor]:
+    return [torch.addcmul(a[i] * b[j], a[j], b[i], value=-1) for i, j in ((1, 2), (2, 0), (0, 1))]

@@ -35,14 +35,19 @@ def run(options: argparse.Namespace) -> int:
         photograph = clean * (1 + NOISE * noise)
         fitted = fit(Observation(photograph, view.mask), probe, library)
         write_image(folder / "photograph.exr", photograph)
-        settings = {"title": f"Demo: {MATERIAL}", "photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise", "light probe": probe.name}
+        settings = {
+            "title": f"Demo: {MATERIAL}",
+            "photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise",
+            "light probe": probe.name,
+        }
         write_results(folder, fitted, probe, library, settings)
         large = SphereView(PICTURE_SIZE)
         expected = render(truth, novel, large, seed=2)
         got = render(fitted.table, novel, large, seed=3)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
     print(summary(fitted))
-    print(f"relative error under a light it was not observed under {float(relative_rms(got, expected, large.mask)):.2%}")
+    error = relative_rms(got, expected, large.mask)
+    print(f"relative error under a light it was not observed under {error:.2%}")
     print(f"open {options.output}/report.html; novel_light.png shows the truth (left) and the reconstruction (right)")
     return 0
 
