@@ -233,9 +233,9 @@ def test_constructor_refuses_nan_where_measured():
         MerlTable(values, torch.ones(SHAPE, dtype=torch.bool), "odd")
 
 
-def test_repr_of_a_table_without_measured_cells():
-    table = MerlTable(torch.zeros(*SHAPE, 3), torch.zeros(SHAPE, dtype=torch.bool), "blank")
-    assert "blank" in repr(table)
+def test_constructor_refuses_a_table_without_measured_cells():
+    with pytest.raises(ValueError, match="blank: the table has no measured cell"):
+        MerlTable(torch.zeros(*SHAPE, 3), torch.zeros(SHAPE, dtype=torch.bool), "blank")
 
 
 class TestLookup:

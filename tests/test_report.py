@@ -17,7 +17,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
 from torchbrdf.report import write_report
-from torchbrdf.report_evidence import Evidence, clamped_share, leading_materials, render_tables, turn_about_y
+from torchbrdf.report_evidence import Evidence, clamped_share, leading_materials, turn_about_y
 from torchbrdf.report_figures import (
     SURROUND,
     exposure_for,
@@ -257,13 +257,6 @@ def test_the_warnings(errors, weights, clamped, expected):
     for warning, start in zip(evidence.warnings, expected, strict=True):
         assert warning.startswith(start.split(" (")[0])
     assert evidence.margin == (errors[1] / errors[0] if len(errors) > 1 else float("inf"))
-
-
-def test_several_tables_render_as_one_by_one(tiny_tables):
-    tables, probe, view = [tiny_tables["red"], tiny_tables["steel-0.15"]], LightProbe.default(16), SphereView(8)
-    together = render_tables(tables, probe, view, samples=64, seed=4)
-    for image, table in zip(together, tables, strict=True):
-        assert torch.allclose(image, render(table, probe, view, samples=64, seed=4), rtol=1e-4, atol=1e-6)
 
 
 def test_the_turn_takes_the_camera_side_to_image_right():

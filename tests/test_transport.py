@@ -12,6 +12,7 @@ from torchbrdf.latlong import directions_at
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.light_strata import SIDE, LightStrata
 from torchbrdf.merl import MerlTable
+from torchbrdf.metrics import relative_rms
 from torchbrdf.probe import LightProbe
 from torchbrdf.transport import DEFAULT_SAMPLES, plan_transport, render, render_basis, render_tables
 from torchbrdf.transport_importance import Lobes, allocate, stratum_importance
@@ -225,6 +226,12 @@ class TestBasis:
             image = render(tiny_tables[name], lamps(), SMALL)
             assert relative(basis.image(name), image) < 2e-3
 
+    def test_several_tables_render_as_one_by_one(self, tiny_tables: dict[str, MerlTable]) -> None:
+        """Samples go where the tables together need them, so the pictures agree to noise, not to rounding."""
+        tables = [tiny_tables["red"], tiny_tables["steel-0.15"]]
+        for together, table in zip(render_tables(tables, lamps(), SMALL, seed=4), tables, strict=True):
+            assert relative_rms(together, render(table, lamps(), SMALL, seed=4), SMALL.mask) < 0.01
+
     def test_float16_keeps_the_small_weights_of_bright_cells(self, tiny_library: MaterialLibrary) -> None:
         """The same samples in float64: with one float16 bag a pixel, glossy columns lost a tenth."""
         columns = tiny_library.stored.columns
@@ -295,7 +302,7 @@ class TestRandomness:
         variance = torch.tensor([[1.0, 0.0], [4.0, 0.0], [0.0, 10000.0], [0.0, 0.0]])
         counts = allocate(variance, torch.tensor([1.0, 1.0]).double(), 1024, 256, 1 << 15)
         assert counts.float().mean() <= 1024
-        assert counts.tolist() == sorted(counts[:3].tolist()) + [256]
+        assert counts.tolist() == [*sorted(counts[:3].tolist()), 256]
         assert all(count & (count - 1) == 0 for count in counts.tolist())
 
     @pytest.mark.parametrize("samples", [2, 3, 9, 100])

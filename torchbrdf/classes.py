@@ -19,6 +19,9 @@ _MAX_ITERATIONS = 1000
 _TOLERANCE = 1e-6
 """EM has converged when the mean log-likelihood of a basis BRDF rises by less than this."""
 
+_COINCIDENT = 1e-7
+"""Basis BRDFs whose coordinates differ by less than this, relative to the largest coordinate, count as the same."""
+
 _RELATIVE_FLOOR = 1e-12
 """Added to each covariance, times the mean square of the coordinates: invertible without an absolute scale."""
 
@@ -67,16 +70,22 @@ def k_means(x: Tensor, k: int, generator: torch.Generator) -> Tensor:
     """Labels (n,) of one run of k-means from a k-means++ start [AV07]; x (n, N) has at least k different points."""
     centres = x[torch.randint(len(x), (1,), generator=generator)]
     while len(centres) < k:
-        nearest = torch.cdist(x, centres).square().amin(1)
+        nearest = _distances(x, centres).square().amin(1)
         centres = torch.cat([centres, x[torch.multinomial(nearest, 1, generator=generator)]])
     labels = torch.full((len(x),), -1)
-    while True:
-        nearest_centre = torch.cdist(x, centres).argmin(1)
+    for _ in range(_MAX_ITERATIONS):
+        nearest_centre = _distances(x, centres).argmin(1)
         if torch.equal(nearest_centre, labels):
-            return labels
+            break
         labels = nearest_centre
         present = torch.bincount(labels, minlength=k) > 0
         centres = torch.stack([x[labels == j].mean(0) if present[j] else centres[j] for j in range(k)])
+    return labels
+
+
+def _distances(x: Tensor, centres: Tensor) -> Tensor:
+    """(n, k), from differences: |x|^2 - 2 x c + |c|^2 would be rounding noise for points that nearly coincide."""
+    return torch.cdist(x, centres, compute_mode="donot_use_mm_for_euclid_dist")
 
 
 @dataclass(frozen=True)
@@ -109,16 +118,20 @@ def expectation_maximisation(x: Tensor, labels: Tensor, k: int) -> Mixture:
         parameters = maximisation(x, responsibilities, floor)
 
 
-def fit_mixture(x: Tensor, k: int, seed: int) -> Mixture | None:
+def count_different(x: Tensor) -> int:
+    """How many of the points (n, N) differ by more than the rounding of coordinates that come from a Gram matrix."""
+    return len(torch.unique(torch.round(x / (_COINCIDENT * x.abs().amax())), dim=0))
+
+
+def fit_mixture(x: Tensor, k: int, seed: int, smallest: int) -> Mixture | None:
     """The most likely of the mixtures that EM reaches from several k-means starts.
 
     Classes are ordered by the norm of their means: diffuse materials first, metals last.
 
     The likelihood of a mixture is unbounded: a Gaussian may collapse on a few points. So a class must hold at least
-    N + 1 points, the fewest that span a covariance; None where no start leads to such classes.
+    `smallest` points (N + 1 span a covariance); None where no start leads to such classes.
     """
-    smallest = x.shape[1] + 1
-    if k > 1 and len(torch.unique(x, dim=0)) < k * smallest:
+    if k > 1 and count_different(x) < k * smallest:
         return None
     generator = torch.Generator().manual_seed(seed)
     best = None
@@ -185,16 +198,16 @@ class MaterialClasses(nn.Module):
         if n_classes < 1 or n_dims < 1:
             raise ValueError(f"n_classes and n_dims must be at least 1, got {n_classes} and {n_dims}")
         x = subspace_coordinates(library.gram, min(n_dims, library.n))
-        for k in range(n_classes, 0, -1):
-            mixture = fit_mixture(x, k, seed)
-            if mixture is not None:
-                break
-        if mixture is None or not torch.isfinite(mixture.means).all() or not x.abs().sum() > 0:
+        if not x.abs().amax() > 0:
             raise ValueError(f"{library!r}: every basis BRDF is zero; there is nothing to classify")
+        smallest = n_dims + 1
+        fits = ((k, fit_mixture(x, k, seed, smallest)) for k in range(n_classes, 0, -1))
+        k, mixture = next((k, mixture) for k, mixture in fits if mixture is not None)
         if k < n_classes:
             warnings.warn(
-                f"{library!r} supports {k} material class{'es' if k > 1 else ''}, not {n_classes}: each needs at least "
-                f"{x.shape[1] + 1} different basis BRDFs; add materials or ask for fewer classes",
+                f"{library!r} supports {k} material class{'es' if k > 1 else ''}, not {n_classes}: no partition of its "
+                f"{count_different(x)} different basis BRDFs gives each at least {smallest}; "
+                "add materials or ask for fewer classes",
                 UserWarning,
                 stacklevel=2,
             )

@@ -1,7 +1,7 @@
 """From a photograph to weights: one solve per class, the best class wins [CBP21, sec. VI]."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -59,19 +59,15 @@ class BRDFEstimator(nn.Module):
         self.register_buffer("packed", basis.packed)
         self.register_buffer("mask", basis.mask)
         self._factors: list[GramFactor] | None = None
-        self.register_load_state_dict_post_hook(lambda module, _: module._forget_factors())
-
-    def _forget_factors(self) -> None:
-        self._factors = None
+        self.register_load_state_dict_pre_hook(_check_state)
+        self.register_load_state_dict_post_hook(_forget_factors)
 
     def get_extra_state(self) -> dict[str, str]:
         """The fingerprints of what a state_dict was made from."""
         return {"library": self.library, "names": " ".join(self.names), "probe": self.probe, "view": self.view}
 
     def set_extra_state(self, state: Mapping[str, str]) -> None:
-        """Take over the probe and view of a state_dict; refuse one for other materials."""
-        if (state["library"], state["names"]) != (self.library, " ".join(self.names)):
-            raise ValueError("this state_dict belongs to an estimator with another material library")
+        """Take over the probe and view of a state_dict; one for other materials was refused before."""
         self.probe, self.view = state["probe"], state["view"]
 
     def extra_repr(self) -> str:
@@ -180,3 +176,15 @@ class BRDFEstimator(nn.Module):
         image = packed.new_zeros(*packed.shape[:-1], self.mask.numel())
         pixels = torch.nonzero(self.mask.ravel()).ravel()
         return image.index_copy(-1, pixels, packed).unflatten(-1, self.mask.shape[-2:])
+
+
+def _check_state(module: BRDFEstimator, state: Mapping[str, Any], prefix: str, *_: object) -> None:
+    """Refuse a state_dict for other materials before any of it is copied."""
+    origin = state.get(f"{prefix}_extra_state")
+    if origin is not None and (origin["library"], origin["names"]) != (module.library, " ".join(module.names)):
+        raise ValueError("this state_dict belongs to an estimator with another material library")
+
+
+def _forget_factors(module: BRDFEstimator, _: object) -> None:
+    """The factors of the basis images that a state_dict has just replaced are stale."""
+    module._factors = None

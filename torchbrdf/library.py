@@ -62,9 +62,7 @@ class MaterialLibrary:
 
     @classmethod
     def _whole(cls, stored: StoredColumns) -> "MaterialLibrary":
-        if len(set(stored.names)) != len(stored.names):
-            twice = sorted({name for name in stored.names if stored.names.count(name) > 1})
-            raise ValueError(f"materials must have different names; twice or more: {', '.join(twice)}")
+        _check_different(stored.names)
         return cls(stored, tuple(range(len(stored.names))))
 
     def __repr__(self) -> str:
@@ -116,11 +114,14 @@ class MaterialLibrary:
 
     def without(self, *names: str) -> "MaterialLibrary":
         """The library less some materials (leave-one-out); shares the cache."""
-        dropped = {self.materials[self.position(name)] for name in names}
-        return replace(self, materials=tuple(i for i in self.materials if i not in dropped))
+        dropped = {self.position(name) for name in names}
+        return self.subset([name for i, name in enumerate(self.names) if i not in dropped])
 
     def subset(self, names: Sequence[str]) -> "MaterialLibrary":
         """The library of some materials only, in the order given; shares the cache."""
+        if not names:
+            raise ValueError("a library needs at least one material, got none")
+        _check_different(names)
         return replace(self, materials=tuple(self.materials[self.position(name)] for name in names))
 
     def table(self, name: str) -> MerlTable:
@@ -157,3 +158,9 @@ class MaterialLibrary:
     def _valid(self, material: int) -> Tensor:
         bits = np.unpackbits(self.stored.valid[material].numpy())
         return torch.from_numpy(bits.view(bool)).reshape(GRID)
+
+
+def _check_different(names: Sequence[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"materials must have different names; twice or more: {', '.join(twice)}")

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 from tqdm import tqdm
@@ -83,8 +84,9 @@ def _is_current(folder: Path, stamp: str) -> bool:
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
         size = (folder / "columns.f16").stat().st_size
-        present = (folder / "library.safetensors").is_file()
-    except (OSError, ValueError):
+        with safe_open(folder / "library.safetensors", "pt") as tensors:
+            present = set(tensors.keys()) == {"scale", "gram", "valid"}
+    except (OSError, ValueError, SafetensorError):
         return False
     expected = (FORMAT, stamp, 2 * N_CELLS * 3 * len(manifest.get("names", [])))
     return present and (manifest.get("format"), manifest.get("stamp"), size) == expected

@@ -68,8 +68,6 @@ def _nearest_measured(valid: bytes) -> Tensor:
     from scipy.ndimage import distance_transform_edt
 
     mask = np.frombuffer(valid, dtype=bool).reshape(GRID)
-    if not mask.any():
-        raise ValueError("the table has no measured cell: every value is negative or below the horizon")
     half = GRID[2] // 2
     wrapped = np.concatenate([mask[..., -half:], mask, mask[..., :half]], axis=-1)
     h, d, p = distance_transform_edt(~wrapped, return_distances=False, return_indices=True)[..., half:-half]
@@ -102,6 +100,8 @@ class MerlTable:
                 f"got {tuple(self.values.shape)} and {tuple(self.valid.shape)}"
             )
         object.__setattr__(self, "valid", self.valid.bool() & above_horizon().to(self.valid.device))
+        if not self.valid.any():
+            raise ValueError(f"{self.name}: the table has no measured cell: all are negative or below the horizon")
         unsound = int((~torch.isfinite(self.values)).any(-1).logical_and(self.valid).sum())
         if unsound:
             raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite")

@@ -15,7 +15,7 @@ from torchbrdf.merl import MerlTable
 from torchbrdf.metrics import relative_rms
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.transport import transport_blocks
+from torchbrdf.transport import render_tables
 from torchbrdf.view import SphereView, View
 
 LARGE_RESIDUAL = 0.05
@@ -232,17 +232,6 @@ def gather(
         },
         probes=(probe, default, turned),
     )
-
-
-def render_tables(tables: Sequence[MerlTable], probe: LightProbe, view: View, samples: int, seed: int = 0) -> Tensor:
-    """(K, 3, H, W): `transport.render` of several tables with one set of samples, which cost more than the lookups."""
-    values = torch.cat([table.filled.to(torch.float32) for table in tables], dim=1)
-    packed = torch.empty(len(tables), 3, len(view.pixels))
-    for pixels, transport in transport_blocks(probe, view, samples, seed, probe.device):
-        q, s = transport.cells.shape
-        f_r = values[transport.cells.reshape(-1).long()].reshape(q, s, len(tables), 3)
-        packed[:, :, pixels] = torch.einsum("cqs,qskc->kcq", transport.weights, f_r)
-    return view.unpack(packed)
 
 
 def turn_about_y(angle_deg: float) -> Tensor:

@@ -24,7 +24,7 @@ def balance(penalty: float, energy: Tensor, c: int) -> Tensor:
 class GramFactor:
     """Eigenvectors and eigenvalues of Y^T Y, per channel: with them every penalty is a rescaling.
 
-    values   (3, c)     ascending, clamped at 0
+    values   (3, c)     descending, the squares of the singular values of Y
     vectors  (3, c, c)  columns are eigenvectors
     """
 
@@ -33,10 +33,16 @@ class GramFactor:
 
     @classmethod
     def of(cls, basis: Tensor) -> "GramFactor":
-        """Factor the basis images (c, 3, P) of one class; no gradient flows to them."""
-        y = basis.detach().double().transpose(0, 1)
-        values, vectors = torch.linalg.eigh(y @ y.mT)
-        return cls(values.clamp_min(0), vectors)
+        """Factor the basis images (c, 3, P) of one class; no gradient flows to them.
+
+        By singular values of the triangle of Y = Q R: forming Y^T Y would square its condition number, and lose
+        those below 1e-8 of the largest.
+        """
+        y = basis.detach().double().permute(1, 2, 0)
+        _, singular, v = torch.linalg.svd(torch.linalg.qr(y, mode="r").R)
+        values = singular.new_zeros(v.shape[:-1])
+        values[..., : singular.shape[-1]] = singular.square()
+        return cls(values, v.mT)
 
 
 def ridge(factor: GramFactor, projection: Tensor, prior: Tensor, strength: Tensor) -> Tensor:
@@ -50,7 +56,7 @@ def ridge(factor: GramFactor, projection: Tensor, prior: Tensor, strength: Tenso
     v = factor.vectors
     rotated = (v.mT @ (projection + strength[..., None] * prior)[..., None])[..., 0]
     spectrum = factor.values + strength[..., None]
-    cutoff = torch.finfo(v.dtype).eps * v.shape[-1] * factor.values[..., -1:]
+    cutoff = (torch.finfo(v.dtype).eps * v.shape[-1]) ** 2 * factor.values[..., :1]
     kept = spectrum > cutoff
     filtered = torch.where(kept, rotated / torch.where(kept, spectrum, 1.0), 0.0)
     return (v @ filtered[..., None])[..., 0]
@@ -65,7 +71,8 @@ def ridge_lstsq(basis: Tensor, image: Tensor, prior: Tensor, strength: Tensor) -
     """
     c = basis.shape[0]
     y = basis.double().permute(1, 2, 0).expand(*image.shape[:-2], -1, -1, -1)
-    root = torch.sqrt(strength)[..., None]
+    damped = strength > 0  # the square root has no derivative at 0
+    root = torch.where(damped, torch.sqrt(torch.where(damped, strength, 1.0)), 0.0)[..., None]
     damping = root[..., None] * torch.eye(c, dtype=y.dtype, device=y.device)
     system = torch.cat([y, damping], dim=-2)
     target = torch.cat([image, root * prior], dim=-1)

@@ -26,7 +26,7 @@ DEFAULT_SAMPLES = 4096
 """Samples a pixel, on average."""
 
 _BLOCK = 1 << 17
-"""Samples worked on at once on a CPU: their arrays stay in its cache."""
+"""Samples, or pairs of a pixel and a stratum, worked on at once on a CPU: their arrays stay in its cache."""
 
 _BAG = 256
 """Samples of a pixel that are summed in the columns' own precision."""
@@ -132,7 +132,7 @@ def _blocks(
     sampler: TransportSampler, lobes: Lobes, chosen: Tensor, count: int
 ) -> Iterator[tuple[Tensor, TransportSamples]]:
     block = _BLOCK if chosen.device.type == "cpu" else 64 * _BLOCK
-    for some in chosen.split(max(1, block // count)):
+    for some in chosen.split(max(1, block // max(count, len(sampler.strata)))):
         yield some, sampler.draw(some, count, lobes)
 
 
@@ -204,12 +204,3 @@ def gather_columns(transport: TransportSamples, columns: Tensor) -> Tensor:
         per_sample_weights=(weights / unit).to(columns.dtype).reshape(-1, size),
     )
     return (sums.view(q, n_bags // q, 3, -1).float() * unit.view(q, -1, 3, 1)).sum(1).permute(1, 0, 2)
-
-
-def transport_blocks(
-    probe: LightProbe, view: View, samples: int, seed: int, device: torch.device
-) -> Iterator[tuple[Tensor, TransportSamples]]:
-    """The transport of all pixels for unknown materials, as many samples for each; see `TransportPlan.blocks`."""
-    flat = torch.ones(GRID[0] * GRID[1] * GRID[2], 1, device=device)
-    plan = plan_transport(flat, probe, view, samples, seed, adaptive=False)
-    return TransportPlan(plan.sampler, Lobes.unknown(device), plan.counts).blocks()
