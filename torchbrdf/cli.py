@@ -91,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     added.add_argument("brdf", type=Path, help="MERL table, .binary")
     light(added)
     added.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
+    added.add_argument("--samples", type=int, default=1024, help="samples a pixel, on average; default: 1024")
     added.add_argument("--exposure", type=float, default=1.0, help="factor on the radiance in a .png; default: 1")
     output(added, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
 

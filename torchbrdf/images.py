@@ -90,7 +90,7 @@ def write_image(path: str | os.PathLike[str], image: Tensor) -> None:
     raises     ValueError for another shape or suffix; OSError when the file cannot be written
     """
     path = Path(path)
-    _check_suffix(path, _IMAGE_SUFFIXES)
+    check_image_suffix(path)
     _check_image(image)
     suffix = path.suffix.lower()
     pixels = image.detach().to("cpu", torch.float32).numpy()
@@ -103,6 +103,11 @@ def write_image(path: str | os.PathLike[str], image: Tensor) -> None:
             # OpenCV wraps negative mantissas round to bright pixels, and RGBE has no NaN or infinity.
             finite = np.nan_to_num(pixels, nan=0.0, posinf=1e37, neginf=0.0).clip(0.0, 1e37)
             temporary.write_bytes(_encode(".hdr", finite.transpose(1, 2, 0)))
+
+
+def check_image_suffix(path: Path) -> None:
+    """Raise ValueError where `write_image` knows no format of this suffix."""
+    _check_suffix(path, _IMAGE_SUFFIXES)
 
 
 def tone_map(image: Tensor, exposure: float = 1.0) -> Tensor:

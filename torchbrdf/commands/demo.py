@@ -17,6 +17,7 @@ from torchbrdf.view import SphereView
 MATERIAL = "gold-metallic-paint2"
 SIZE = 64
 PICTURE_SIZE = 192
+PICTURE_SAMPLES = 1024
 NOISE = 0.01
 """Standard deviation of the simulated photograph's noise, relative to each pixel."""
 
@@ -42,8 +43,8 @@ def run(options: argparse.Namespace) -> int:
         }
         write_results(folder, fitted, probe, library, settings)
         large = SphereView(PICTURE_SIZE)
-        expected = render(truth, novel, large, seed=2)
-        got = render(fitted.table, novel, large, seed=3)
+        expected = render(truth, novel, large, PICTURE_SAMPLES, seed=2)
+        got = render(fitted.table, novel, large, PICTURE_SAMPLES, seed=3)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
     print(summary(fitted))
     error = relative_rms(got, expected, large.mask)
