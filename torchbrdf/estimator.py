@@ -26,8 +26,8 @@ class BRDFEstimator(nn.Module):
     basis    Y, the basis images under the light and from the view of the photograph
     classes  the material classes of the same library
     penalty  "paper" for lambda = 0.5, or lambda >= 0 itself [CBP21, eq. 25]
-    solver   "factored": an eigendecomposition of every class's Gram matrix, made once and used for every
-             photograph; "lstsq": `torch.linalg.lstsq` on the augmented system, every time
+    solver   "factored": singular values and vectors of every class's basis images, computed at the first
+             photograph and used for all; "lstsq": `torch.linalg.lstsq` on the augmented system, every time
 
     For each class and colour channel it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 (eq. 26 with Sigma' =
     identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19). Gradients flow
@@ -44,7 +44,7 @@ class BRDFEstimator(nn.Module):
         penalty: Literal["paper"] | float = DEFAULT_PENALTY,
         solver: Solver = "factored",
     ) -> None:
-        """Check that basis and classes belong together, and factor the Gram matrices."""
+        """Check that basis and classes belong together."""
         super().__init__()
         if (basis.library, basis.names) != (classes.library, classes.names):
             raise ValueError("basis images and classes come from different libraries; make both from the same one")
