@@ -3,7 +3,7 @@
     python scripts/unseen_materials.py --library MERL_DIR --targets TABLE_DIR --observe grace.hdr --novel uffizi.hdr
 
 Every table of TABLE_DIR is rendered under the first probe, with noise, fitted, and its weights rendered under the
-second (Y w): |rendered - target| / |target| over all pixels under the mask and channels, in per cent. Targets have
+second: as Y w, or with --tables as the table that a user would save, whose cells below zero are clamped (slow): |rendered - target| / |target| over all pixels under the mask and channels, in per cent. Targets have
 their own random numbers and four times as many samples as the basis.
 """
 
@@ -30,6 +30,7 @@ def main() -> None:
     parser.add_argument("--noise", type=float, nargs="*", default=[0, 1, 2], help="noise in %% of every pixel")
     parser.add_argument("--size", type=int, default=64)
     parser.add_argument("--penalties", type=float, nargs="*", default=[], help="more values of lambda to try")
+    parser.add_argument("--tables", action="store_true", help="render whole tables instead of Y w")
     options = parser.parse_args()
 
     library = tb.MaterialLibrary.from_merl(options.library)
@@ -62,7 +63,10 @@ def main() -> None:
             noise = torch.randn(seen.shape, generator=torch.Generator().manual_seed(i))
             for name, estimator in methods.items():
                 result = estimator(seen * (1 + level / 100 * noise))
-                relit = novel_basis.unpack(torch.einsum("nc,ncp->cp", result.weights, novel_basis.packed))
+                if options.tables:
+                    relit = tb.render(result.brdf(library), novel, view, seed=3000 + i)
+                else:
+                    relit = novel_basis.unpack(torch.einsum("nc,ncp->cp", result.weights, novel_basis.packed))
                 errors[name].append((100 * float(result.relative_error), 100 * relative_rms(relit, truth, view.mask)))
             print(label.ljust(47) + "".join(_cell(*errors[name][-1]) for name in methods))
         for label, summarise in (("mean", statistics.mean), ("worst", max)):
