@@ -3,7 +3,8 @@
     python scripts/unseen_materials.py --library MERL_DIR --targets TABLE_DIR --observe grace.hdr --novel uffizi.hdr
 
 Every table of TABLE_DIR is rendered under the first probe, with noise, fitted, and its weights rendered under the
-second: as Y w, or with --tables as the table that a user would save, whose cells below zero are clamped (slow): |rendered - target| / |target| over all pixels under the mask and channels, in per cent. Targets have
+second: as Y w, or with --tables as the table that a user would save, whose cells below zero are clamped (slow).
+Errors are |rendered - target| / |target| over all pixels under the mask and channels, in per cent. Targets have
 their own random numbers and four times as many samples as the basis.
 """
 
