@@ -13,6 +13,8 @@ from torch import Tensor
 
 from torchbrdf.files import writing
 from torchbrdf.library import MaterialLibrary
+from torchbrdf.library_cache import columns_of
+from torchbrdf.packing import pack, unpack
 from torchbrdf.probe import LightProbe
 from torchbrdf.view import View
 
@@ -71,8 +73,7 @@ class BasisImages:
         unknown = [name for name in names if name not in self.names]
         if unknown:
             raise ValueError(f"no material {unknown[0]!r} among these {len(self.names)} basis images")
-        materials = torch.tensor([self.names.index(name) for name in names], dtype=torch.long)
-        rows = (3 * materials[:, None] + torch.arange(3)).ravel().to(self.packed.device)
+        rows = columns_of([self.names.index(name) for name in names]).to(self.packed.device)
         return replace(self, packed=self.packed[rows], names=tuple(names))
 
     def without(self, *names: str) -> "BasisImages":
@@ -87,13 +88,11 @@ class BasisImages:
 
     def pack(self, image: Tensor) -> Tensor:
         """The pixels under the mask: (..., H, W) -> (..., P)."""
-        return image.flatten(-2)[..., self.mask.ravel()]
+        return pack(image, self.mask)
 
     def unpack(self, packed: Tensor) -> Tensor:
         """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
-        image = packed.new_zeros(*packed.shape[:-1], self.mask.numel())
-        pixels = torch.nonzero(self.mask.ravel()).ravel().to(packed.device)
-        return image.index_copy(-1, pixels, packed).unflatten(-1, self.size)
+        return unpack(packed, self.mask)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a safetensors file with the fingerprints in its metadata."""

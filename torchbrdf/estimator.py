@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
+from torchbrdf.packing import pack, unpack
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 
@@ -104,7 +105,7 @@ class BRDFEstimator(nn.Module):
             class_errors=shaped(errors),
             class_index=shaped(best),
             energy=shaped(torch.where(used[:, None], y, 0).square().sum((-2, -1))),
-            image=shaped(self._unpack(chosen)),
+            image=shaped(unpack(chosen, self.mask)),
             names=self.names,
             library=self.library,
         )
@@ -119,11 +120,11 @@ class BRDFEstimator(nn.Module):
         if image.dtype not in (torch.float32, torch.float64):
             raise ValueError(f"image must be float32 or float64 linear radiance, got {image.dtype}")
         batch = image.shape[:-3]
-        y = self._pack(image.reshape(-1, 3, *size)).double()
+        y = pack(image.reshape(-1, 3, *size), self.mask).double()
         if mask is None:
             used = torch.ones_like(y[:, 0], dtype=torch.bool)
         elif mask.dtype == torch.bool and mask.shape in ((1, *size), (*batch, 1, *size)):
-            used = self._pack(mask.reshape(-1, *size).to(image.device)).expand(len(y), -1)
+            used = pack(mask.reshape(-1, *size).to(image.device), self.mask).expand(len(y), -1)
         else:
             raise ValueError(
                 f"mask must be bool {(1, *size)} or {(*batch, 1, *size)}, got {mask.dtype} {tuple(mask.shape)}"
@@ -168,14 +169,6 @@ class BRDFEstimator(nn.Module):
         if self._factors is None or self._factors[0].values.device != basis.device:
             self._factors = self._class_factors(basis, cached=False)
         return self._factors
-
-    def _pack(self, image: Tensor) -> Tensor:
-        return image.flatten(-2)[..., self.mask.ravel()]
-
-    def _unpack(self, packed: Tensor) -> Tensor:
-        image = packed.new_zeros(*packed.shape[:-1], self.mask.numel())
-        pixels = torch.nonzero(self.mask.ravel()).ravel()
-        return image.index_copy(-1, pixels, packed).unflatten(-1, self.mask.shape[-2:])
 
 
 def _check_state(module: BRDFEstimator, state: Mapping[str, Any], prefix: str, *_: object) -> None:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchbrdf.column_sources import ROW_CELLS, MerlSource, ParameterSource, TableSource
 from torchbrdf.files import cache_folder
-from torchbrdf.library_cache import StoredColumns, build_in_memory, open_or_build
+from torchbrdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
 from torchbrdf.merl import GRID, N_CELLS, MerlTable
 
 MIN_MATERIALS = 8
@@ -92,7 +92,7 @@ class MaterialLibrary:
     @property
     def column_index(self) -> Tensor:
         """(n,) int64: this library's columns among the stored ones."""
-        return (3 * torch.tensor(self.materials)[:, None] + torch.arange(3)).ravel()
+        return columns_of(self.materials)
 
     @property
     def gram(self) -> Tensor:

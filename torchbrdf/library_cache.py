@@ -11,7 +11,7 @@ import mmap
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +53,11 @@ class StoredColumns:
         """Ask the system to read the columns ahead: page by page, as a first gather would, takes far longer."""
         if self.mapping is not None and hasattr(mmap, "MADV_WILLNEED"):
             self.mapping.madvise(mmap.MADV_WILLNEED)
+
+
+def columns_of(materials: Sequence[int]) -> Tensor:
+    """(3 len(materials),) int64: the R, G and B columns of materials, given by their positions."""
+    return (3 * torch.tensor(materials, dtype=torch.int64)[:, None] + torch.arange(3)).ravel()
 
 
 def open_or_build(source: ColumnSource, folder: Path, progress: bool) -> StoredColumns:
@@ -168,7 +173,7 @@ def _fill(columns: Tensor, valid: Tensor) -> None:
         materials = torch.nonzero(member == k).ravel()
         holes = torch.nonzero(~valid[materials[0]]).ravel()
         source = nearest_measured(valid[materials[0]])[holes]
-        which = (3 * materials[:, None] + torch.arange(3)).ravel()
+        which = columns_of(materials.tolist())
         if len(which) == columns.shape[1]:
             columns[holes] = columns[source]
         else:

@@ -13,6 +13,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from torchbrdf.packing import masked_pixels, pack, unpack
+
 Normals = tuple[Tensor, Tensor]
 """(normals, view_dirs): unit vectors (3, ...) in world space, component first."""
 
@@ -33,7 +35,7 @@ class View(ABC):
     @cached_property
     def pixels(self) -> Tensor:
         """(P,) int64: flat indices of the pixels under the mask, row by row."""
-        return torch.nonzero(self.mask.ravel()).ravel()
+        return masked_pixels(self.mask)
 
     @property
     def fingerprint(self) -> str:
@@ -68,13 +70,11 @@ class View(ABC):
 
     def pack(self, image: Tensor) -> Tensor:
         """The pixels under the mask: (..., H, W) -> (..., P)."""
-        return image.flatten(-2)[..., self.pixels.to(image.device)]
+        return pack(image, self.mask)
 
     def unpack(self, packed: Tensor) -> Tensor:
         """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
-        height, width = self.size
-        image = packed.new_zeros(*packed.shape[:-1], height * width)
-        return image.index_copy(-1, self.pixels.to(packed.device), packed).unflatten(-1, (height, width))
+        return unpack(packed, self.mask)
 
 
 class SphereView(View):
