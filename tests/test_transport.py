@@ -81,7 +81,7 @@ class TestClosedForms:
         irradiance = pi * view.pack(render(white, probe, view, samples=8192))
         u = (torch.arange(8) + 0.5) / 8
         grid = torch.cartesian_prod(u, u).T[:, None].expand(2, len(view.pixels), 64)
-        normals = view.surface(view.pixels, *grid)[0]
+        normals = view.surface(view.pixels, *grid).normals
         cosine = torch.einsum("kqs,k->qs", normals, torch.tensor(axis))
         expected = (pi + factor * legendre(cosine) / 2).mean(1).expand(3, -1)
         assert relative(irradiance, expected) < 2e-3
@@ -92,7 +92,8 @@ class TestClosedForms:
         probe = probe_of(lambda d: torch.where(d @ light > math.cos(0.02), 1.0, 0.0), 256)
         u = (torch.arange(8) + 0.5) / 8
         grid = torch.cartesian_prod(u, u).T[:, None].expand(2, len(view.pixels), 64)
-        normals, w_o = view.surface(view.pixels, *grid)
+        points = view.surface(view.pixels, *grid)
+        normals, w_o = points.normals, points.view_dirs
         at = texel_directions(256)[probe.radiance[0] > 0]
         w_i = torch.nn.functional.normalize(at.mean(0), dim=0)[:, None, None].expand_as(normals)
         seen = reflection(normals, w_o, w_i)
@@ -114,8 +115,8 @@ def quadrature(table: MerlTable, probe: LightProbe, view: View, pixel: int, fine
     u = (torch.arange(places) + 0.5) / places
     total = torch.zeros(3, dtype=torch.float64)
     for place in torch.cartesian_prod(u, u):
-        normal, w_o = view.surface(view.pixels[pixel : pixel + 1], *place.reshape(2, 1, 1))
-        seen = reflection(*(v.expand(3, 1, len(w_i)) for v in (normal, w_o)), w_i.T[:, None])
+        points = view.surface(view.pixels[pixel : pixel + 1], *place.reshape(2, 1, 1))
+        seen = reflection(*(v.expand(3, 1, len(w_i)) for v in (points.normals, points.view_dirs)), w_i.T[:, None])
         total += (table.filled[seen.cells[0].long()] * seen.cos_i[0, :, None] * light).sum(0)
     return total / places**2
 
@@ -160,7 +161,7 @@ class TestOracle:
         importance = stratum_importance(strata, Lobes.unknown(torch.device("cpu")), SMALL, SMALL.pixels)
         u = torch.linspace(0, 1, 5)
         grid = torch.cartesian_prod(u, u).T[:, None].expand(2, len(SMALL.pixels), 25)
-        normals = SMALL.surface(SMALL.pixels, *grid)[0]
+        normals = SMALL.surface(SMALL.pixels, *grid).normals
         for pixel in range(0, len(SMALL.pixels), 9):
             highest = (normals[:, pixel].T @ strata.directions).amax(0).view(len(strata), -1).amax(1)
             assert not bool(((importance[pixel] == 0) & (highest > 0)).any())

@@ -13,7 +13,8 @@ def sub_pixel(view, n: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor, Tens
     """
     g = torch.Generator().manual_seed(seed)
     u, v = torch.rand(2, len(view.pixels), n, generator=g)
-    return (view.pixels, u, v, *view.surface(view.pixels, u, v))
+    points = view.surface(view.pixels, u, v)
+    return view.pixels, u, v, points.normals, points.view_dirs
 
 
 def image_plane(pixels: Tensor, u: Tensor, v: Tensor, size: int) -> tuple[Tensor, Tensor]:
@@ -157,7 +158,7 @@ class TestNormalMap:
         assert torch.allclose(view.view_dirs[:, view.mask[0]], sphere.view_dirs[:, view.mask[0]])
         g = torch.Generator().manual_seed(0)
         u, v = torch.rand(2, len(view.pixels), 16, generator=g)
-        exact, found = sphere.surface(view.pixels, u, v)[0], view.surface(view.pixels, u, v)[0]
+        exact, found = sphere.surface(view.pixels, u, v).normals, view.surface(view.pixels, u, v).normals
         gap = (exact - found).norm(dim=0)
         across_pixel = (exact - sphere.pack(sphere.normals)[:, :, None]).norm(dim=0)
         facing = sphere.pack(sphere.normals)[2] > 0.5

@@ -7,6 +7,7 @@ from torchbrdf.estimator import BRDFEstimator
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
+from torchbrdf.mitsuba_backend.mesh_view import Camera, MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.transport import render, render_basis
@@ -15,10 +16,12 @@ from torchbrdf.view import NormalMapView, SphereView, View
 __all__ = [
     "BRDFEstimator",
     "BasisImages",
+    "Camera",
     "LightProbe",
     "MaterialClasses",
     "MaterialLibrary",
     "MerlTable",
+    "MeshView",
     "NormalMapView",
     "Reconstruction",
     "SphereView",

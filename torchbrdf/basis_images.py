@@ -26,12 +26,14 @@ _ORIGIN = ("library", "probe", "view", "description")
 class BasisImages:
     """Y, packed over the pixels of the mask.
 
-    packed       (n, 3, P)  float32 radiance; row 3 i + c is channel c of material i
-    mask         (1, H, W)  bool, the view's mask; P of its pixels are True
-    names        the materials, n = 3 len(names)
-    library      fingerprint of the columns behind the names
-    probe, view  fingerprints of the light and of the shape
-    description  how it was rendered
+    packed           (n, 3, P)  float32 radiance; row 3 i + c is channel c of material i
+    mask             (1, H, W)  bool, the view's mask; P of its pixels are True
+    names            the materials, n = 3 len(names)
+    library          fingerprint of the columns behind the names
+    probe, view      fingerprints of the light and of the shape
+    description      how it was rendered
+    normal_coverage  of the view: share of a sphere's normals that the shape shows
+    relative_errors  (n,)  estimated relative RMS error of each image; None where the renderer gives none
     """
 
     packed: Tensor
@@ -41,12 +43,16 @@ class BasisImages:
     probe: str
     view: str
     description: str = ""
+    normal_coverage: float = 1.0
+    relative_errors: Tensor | None = None
 
     def __post_init__(self) -> None:
         """Check that the shapes belong together."""
         expected = (3 * len(self.names), 3, int(self.mask.sum()))
         if tuple(self.packed.shape) != expected:
             raise ValueError(f"packed must be {expected} for these names and this mask, got {tuple(self.packed.shape)}")
+        if self.relative_errors is not None and self.relative_errors.shape != expected[:1]:
+            raise ValueError(f"relative_errors must be {expected[:1]}, got {tuple(self.relative_errors.shape)}")
 
     def __repr__(self) -> str:
         """Size and origin."""
@@ -66,7 +72,8 @@ class BasisImages:
 
     def to(self, device: torch.device | str) -> "BasisImages":
         """The same images on another device."""
-        return replace(self, packed=self.packed.to(device), mask=self.mask.to(device))
+        errors = None if self.relative_errors is None else self.relative_errors.to(device)
+        return replace(self, packed=self.packed.to(device), mask=self.mask.to(device), relative_errors=errors)
 
     def subset(self, names: Sequence[str]) -> "BasisImages":
         """The images of some materials only, in the order given."""
@@ -74,7 +81,8 @@ class BasisImages:
         if unknown:
             raise ValueError(f"no material {unknown[0]!r} among these {len(self.names)} basis images")
         rows = columns_of([self.names.index(name) for name in names]).to(self.packed.device)
-        return replace(self, packed=self.packed[rows], names=tuple(names))
+        errors = None if self.relative_errors is None else self.relative_errors[rows]
+        return replace(self, packed=self.packed[rows], names=tuple(names), relative_errors=errors)
 
     def without(self, *names: str) -> "BasisImages":
         """The images less some materials (leave-one-out)."""
@@ -96,9 +104,12 @@ class BasisImages:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a safetensors file with the fingerprints in its metadata."""
-        metadata = {"format": _FORMAT, "names": json.dumps(self.names)}
+        metadata = {"format": _FORMAT, "names": json.dumps(self.names), "normal_coverage": str(self.normal_coverage)}
         metadata |= {key: getattr(self, key) for key in _ORIGIN}
-        tensors = {"packed": self.packed.cpu().contiguous(), "mask": self.mask.cpu().contiguous()}
+        tensors = {"packed": self.packed, "mask": self.mask}
+        if self.relative_errors is not None:
+            tensors["relative_errors"] = self.relative_errors
+        tensors = {key: tensor.cpu().contiguous() for key, tensor in tensors.items()}
         with writing(path) as temporary:
             save_file(tensors, temporary, metadata)
 
@@ -122,10 +133,15 @@ class BasisImages:
                 metadata = file.metadata() or {}
                 if metadata.get("format") != _FORMAT:
                     raise ValueError(f"{path}: not basis images of this version ({_FORMAT!r})")
-                tensors = {key: file.get_tensor(key) for key in ("packed", "mask")}
+                tensors = {key: file.get_tensor(key) for key in list(file.keys())}
         except SafetensorError as error:
             raise ValueError(f"{path}: not basis images: {error}") from None
-        basis = cls(**tensors, names=tuple(json.loads(metadata["names"])), **{key: metadata[key] for key in _ORIGIN})
+        basis = cls(
+            **tensors,
+            names=tuple(json.loads(metadata["names"])),
+            normal_coverage=float(metadata.get("normal_coverage", 1)),
+            **{key: metadata[key] for key in _ORIGIN},
+        )
         expected = {
             "library": library is None or (library.source, library.names) == (basis.library, basis.names),
             "light probe": probe is None or probe.fingerprint == basis.probe,

@@ -46,12 +46,12 @@ def render_directional(
     packed = torch.empty(3, len(pixels), dtype=torch.float64)
     for chunk in torch.arange(len(pixels)).split(max(1, _BLOCK // subpixels**2)):
         shape = (len(chunk), subpixels**2)
-        normal, w_o = (
-            vectors.double().movedim(0, -1) for vectors in view.surface(pixels[chunk], u.expand(shape), v.expand(shape))
-        )
+        points = view.surface(pixels[chunk], u.expand(shape), v.expand(shape))
+        normal, w_o = (vectors.double().movedim(0, -1) for vectors in (points.normals, points.view_dirs))
         local_i, local_o = to_local(normal, w_i.expand_as(normal)), to_local(normal, w_o)
-        f_r = table.lookup(local_i, local_o, interpolation="linear")
-        packed[:, chunk] = (f_r * local_i[..., 2:].clamp_min(0)).mean(1).T
+        reflected = table.lookup(local_i, local_o, interpolation="linear") * local_i[..., 2:].clamp_min(0)
+        lit = view.visibility(points, w_i[:, None, None].expand(3, *shape))
+        packed[:, chunk] = (reflected if lit is None else reflected * lit[..., None]).mean(1).T
     return view.unpack((irradiance * packed).float())
 
 

@@ -50,13 +50,19 @@ def render_basis(
 ) -> BasisImages:
     """Images Y of every basis BRDF under a probe [CBP21, eq. 5].
 
+    backend   "sampled"; or "mitsuba", slower and independent, with an error estimate for every image
+              (`mitsuba_backend.bake_basis`)
     samples   a pixel, on average over the view; at least 2
-    adaptive  give the pixels that need it more samples than others
-    Runs on the device that holds the library's columns. Only pixels under the view's mask are computed and only
-    cells that samples touch are read. Raises ValueError for an unknown backend or too few samples.
+    adaptive  give the pixels that need it more samples than others; "sampled" only
+    "sampled" runs on the device that holds the library's columns. Only pixels under the view's mask are computed
+    and only cells that samples touch are read. Raises ValueError for an unknown backend or too few samples.
     """
+    if backend == "mitsuba":
+        from torchbrdf.mitsuba_backend.baking import bake_basis
+
+        return bake_basis(library, probe, view, samples, seed, progress)
     if backend != "sampled":
-        raise ValueError(f'backend must be "sampled", got {backend!r}')
+        raise ValueError(f'backend must be "sampled" or "mitsuba", got {backend!r}')
     columns, scale = library.stored.columns, library.stored.scale
     library.stored.prefetch()
     packed = _render(columns, probe, view, samples, seed, adaptive, progress)
@@ -69,6 +75,7 @@ def render_basis(
         probe=probe.fingerprint,
         view=view.fingerprint,
         description=f"{backend}, {samples} samples a pixel, seed {seed}",
+        normal_coverage=view.normal_coverage,
     )
 
 
@@ -191,10 +198,13 @@ def gather_columns(transport: TransportSamples, columns: Tensor) -> Tensor:
     below 2^12, so that no sum overflows.)
     """
     q, s = transport.cells.shape
-    size = min(_BAG, s // 8)
-    n_bags = q * s // size
-    cells = transport.cells.view(n_bags, 1, size).expand(-1, 3, size)
-    weights = transport.weights.view(3, n_bags, size).transpose(0, 1)
+    size = min(_BAG, max(1, s // 8))
+    cells, weights = transport.cells, transport.weights
+    if s % size:
+        cells, weights = (torch.nn.functional.pad(values, (0, -s % size)) for values in (cells, weights))
+    n_bags = cells.numel() // size
+    cells = cells.view(n_bags, 1, size).expand(-1, 3, size)
+    weights = weights.reshape(3, n_bags, size).transpose(0, 1)
     total = weights.sum(-1, keepdim=True)
     unit = torch.exp2(torch.ceil(torch.log2(torch.where(total > 0, total, 1.0))) - 3)
     sums = torch.nn.functional.embedding_bag(

@@ -79,9 +79,9 @@ def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Te
     the stratum lie below the horizon of the whole pixel.
     """
     corners = torch.tensor([[0.5, 0.0, 1.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0, 1.0]], device=pixels.device)
-    normals, view_dirs = view.surface(pixels, *corners[:, None].expand(2, len(pixels), 5))
-    n, w_o = normals[..., :1], view_dirs[..., :1]
-    spread = torch.acos((n * normals).sum(0).amin(1, keepdim=True).clamp(-1, 1))
+    points = view.surface(pixels, *corners[:, None].expand(2, len(pixels), 5))
+    n, w_o = points.normals[..., :1], points.view_dirs[..., :1]
+    spread = torch.acos((n * points.normals).sum(0).amin(1, keepdim=True).clamp(-1, 1))
     cos_i, along = _with_axes(n, strata.axis), _with_axes(w_o, strata.axis)
     reach = 1.05 * spread + strata.radius
     above = (cos_i + reach).clamp_min_(0)

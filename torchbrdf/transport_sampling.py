@@ -17,7 +17,7 @@ from torch import Tensor
 from torchbrdf.light_strata import SIDE, LightStrata
 from torchbrdf.merl import GRID
 from torchbrdf.transport_importance import Lobes, stratum_importance
-from torchbrdf.view import View
+from torchbrdf.view import SurfacePoints, View
 
 DIGITS = 24
 """Binary digits of the random numbers: as many as a float32 holds."""
@@ -121,8 +121,7 @@ class TransportSampler:
         per_density = (expected / strata.share).float().reshape(-1).index_select(0, pair)
         density = strata.density.index_select(0, point).mul_(per_density).view(q, n_light)
         place = numbers[1:].float() * 2.0**-DIGITS
-        normal, w_o = self.view.surface(pixels, place[0], place[1])
-        seen = reflection(normal, w_o, w_i)
+        seen = self._reflection(self.view.surface(pixels, place[0], place[1]), w_i)
         return seen.weigh(radiance, density.add_(seen.half_vector_density, alpha=n_half))
 
     def _half_vector_samples(
@@ -131,16 +130,21 @@ class TransportSampler:
         q, k = importance.shape
         x, numbers = self._numbers(shifts, n_half)
         azimuth, u, v = numbers.float() * 2.0**-DIGITS
-        normal, w_o = self.view.surface(pixels, u, v)
+        points = self.view.surface(pixels, u, v)
         theta_h = (x / n_half).float().square_().mul_(pi / 2)
-        w_i = _mirrored(normal, w_o, theta_h, azimuth.mul_(2 * pi))
+        w_i = _mirrored(points.normals, points.view_dirs, theta_h, azimuth.mul_(2 * pi))
         radiance, density, stratum = self.strata.seen(w_i)
         total = importance.sum(1, keepdim=True).clamp_min(1e-30)
         per_density = (importance * (n_light / total)).div_(self.strata.share).float()
         stratum += torch.arange(0, q * k, k, dtype=torch.int32, device=pixels.device)[:, None]
         density *= per_density.reshape(-1).index_select(0, stratum.reshape(-1)).view(q, n_half)
-        seen = reflection(normal, w_o, w_i)
+        seen = self._reflection(points, w_i)
         return seen.weigh(radiance, density.add_(seen.half_vector_density, alpha=n_half))
+
+    def _reflection(self, points: SurfacePoints, w_i: Tensor) -> "Reflection":
+        seen = reflection(points.normals, points.view_dirs, w_i)
+        lit = self.view.visibility(points, w_i)
+        return seen if lit is None else replace(seen, cos_i=seen.cos_i * lit)
 
 
 def _random_shifts(n: int, generator: torch.Generator) -> Tensor:

@@ -6,6 +6,7 @@ answers at any point inside a pixel, not only at its centre.
 
 import hashlib
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
 from math import radians, sin, tan
 
@@ -15,12 +16,30 @@ from torch.nn.functional import normalize
 
 from torchbrdf.packing import masked_pixels, pack, unpack
 
-Normals = tuple[Tensor, Tensor]
-"""(normals, view_dirs): unit vectors (3, ...) in world space, component first."""
+_COVERAGE_CELLS = 12
+"""Along a side of the grid on which normals are counted."""
+
+_COVERAGE_PLACES = 4
+_COVERAGE_PIXELS = 4096
+"""Pixels looked at, at most, and places along a side of each."""
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points of a shape that the camera sees, in world space, component first.
+
+    normals    (3, Q, S)  unit vectors; 0 where a ray misses the shape
+    view_dirs  (3, Q, S)  unit vectors towards the camera
+    positions  (3, Q, S)  where a shape can shade itself; None else
+    """
+
+    normals: Tensor
+    view_dirs: Tensor
+    positions: Tensor | None = None
 
 
 class View(ABC):
-    """A shape without shadows or interreflections, seen by a camera.
+    """A shape without interreflections, seen by a camera.
 
     mask  (1, H, W)  bool, True where the shape covers the whole pixel
     """
@@ -43,13 +62,16 @@ class View(ABC):
         return hashlib.sha256(self._identity()).hexdigest()
 
     @abstractmethod
-    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> Normals:
-        """Normals and view directions inside pixels.
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
+        """What is seen inside pixels.
 
-        pixels   (Q,)    flat indices under the mask
-        u, v     (Q, S)  position in the pixel, in [0, 1): from its left and from its top edge
-        returns  normals (3, Q, S), view_dirs (3, Q, S)
+        pixels  (Q,)    flat indices under the mask
+        u, v    (Q, S)  position in the pixel, in [0, 1): from its left and from its top edge
         """
+
+    def visibility(self, points: SurfacePoints, w_i: Tensor) -> Tensor | None:
+        """Which points (Q, S) see the light from directions w_i (3, Q, S); None where no shape is in the way."""
+        return None
 
     @abstractmethod
     def _identity(self) -> bytes: ...
@@ -57,16 +79,37 @@ class View(ABC):
     @cached_property
     def normals(self) -> Tensor:
         """(3, H, W) unit normals at the centres of the pixels, 0 outside the mask."""
-        return self._at_centres(0)
+        return self.unpack(self._centres.normals[..., 0])
 
     @cached_property
     def view_dirs(self) -> Tensor:
         """(3, H, W) unit vectors towards the camera at the centres of the pixels, 0 outside the mask."""
-        return self._at_centres(1)
+        return self.unpack(self._centres.view_dirs[..., 0])
 
-    def _at_centres(self, which: int) -> Tensor:
+    @cached_property
+    def _centres(self) -> SurfacePoints:
         centre = torch.full((len(self.pixels), 1), 0.5)
-        return self.unpack(self.surface(self.pixels, centre, centre)[which][..., 0])
+        return self.surface(self.pixels, centre, centre)
+
+    @cached_property
+    def normal_coverage(self) -> float:
+        """Share of the normals that a sphere would show that this shape shows, 0 to 1.
+
+        Of the cells of a grid on the disc that a sphere fills in an image, those into which a normal falls, turned
+        as if its pixel lay in the middle of the image. A plane fills one cell, a cube three at most.
+        """
+        places = (torch.arange(_COVERAGE_PLACES) + 0.5) / _COVERAGE_PLACES
+        some = self.pixels[:: -(-len(self.pixels) // _COVERAGE_PIXELS)]
+        u, v = (place.expand(len(some), -1) for place in torch.cartesian_prod(places, places).T)
+        points = self.surface(some, u, v)
+        z = points.view_dirs
+        x = normalize(torch.stack([z[2], torch.zeros_like(z[0]), -z[0]]), dim=0)
+        y = torch.linalg.cross(z, x, dim=0)
+        disc = torch.stack([(points.normals * axis).sum(0).flatten() for axis in (x, y)])
+        cells = ((disc + 1) * (_COVERAGE_CELLS / 2)).long().clamp_(0, _COVERAGE_CELLS - 1)
+        found = len(torch.unique(cells[0] * _COVERAGE_CELLS + cells[1]))
+        centres = (torch.arange(_COVERAGE_CELLS) + 0.5) * (2 / _COVERAGE_CELLS) - 1
+        return min(1.0, found / int((centres[:, None].square() + centres.square() <= 1).sum()))
 
     def pack(self, image: Tensor) -> Tensor:
         """The pixels under the mask: (..., H, W) -> (..., P)."""
@@ -105,7 +148,7 @@ class SphereView(View):
     def _identity(self) -> bytes:
         return f"sphere {self._n} {self.fov_deg}".encode()
 
-    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> Normals:
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
         """See View."""
         x = (2 / self._n) * ((pixels % self._n)[:, None] + u) - 1
         y = 1 - (2 / self._n) * ((pixels // self._n)[:, None] + v)
@@ -113,7 +156,7 @@ class SphereView(View):
             z = torch.sqrt((1 - x * x - y * y).clamp_min(0))
             toward_camera = torch.zeros(3, 1, 1, dtype=x.dtype, device=x.device)
             toward_camera[2] = 1
-            return torch.stack([x, y, z]), toward_camera.expand(3, *x.shape)
+            return SurfacePoints(torch.stack([x, y, z]), toward_camera.expand(3, *x.shape))
         half = radians(self.fov_deg) / 2
         distance = 1 / sin(half)  # the cone of view touches the unit sphere
         ray = normalize(torch.stack([x * tan(half), y * tan(half), -torch.ones_like(x)]), dim=0)
@@ -121,7 +164,7 @@ class SphereView(View):
         t = along - torch.sqrt((along * along - distance * distance + 1).clamp_min(0))
         hit = t * ray
         hit[2] += distance
-        return normalize(hit, dim=0), -ray
+        return SurfacePoints(normalize(hit, dim=0), -ray)
 
 
 class NormalMapView(View):
@@ -186,10 +229,10 @@ class NormalMapView(View):
             count += smooth
         return total / count.clamp_min(1)
 
-    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> Normals:
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
         """See View."""
         device = pixels.device
         base = self._normals.flatten(1).to(device)[:, pixels, None]
         slopes = self._slopes.flatten(2).to(device)[:, :, pixels, None]
         normals = normalize(base + slopes[0] * (u - 0.5) + slopes[1] * (v - 0.5), dim=0)
-        return normals, self._view_dirs.flatten(1).to(device)[:, pixels, None].expand_as(normals)
+        return SurfacePoints(normals, self._view_dirs.flatten(1).to(device)[:, pixels, None].expand_as(normals))

@@ -1,0 +1,207 @@
+"""`MeshView`: a known shape of triangles before a camera, with the shadows that it casts on itself."""
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from math import radians, sin, tan
+from typing import Self
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.mitsuba_backend.tracing import RayTracer
+from torchbrdf.view import SurfacePoints, View
+
+_FINEST = 16
+"""Points along a side of a pixel at which rays are traced: the area of a pixel is the mean over them."""
+
+_COARSEST = 4
+_MOST_POINTS = 1 << 23
+"""Beyond this many in all, pixels get fewer points, down to _COARSEST along a side; each takes 24 bytes."""
+
+_RAYS = 1 << 20
+"""Traced at once."""
+
+_OFFSET = 2e-4
+"""Shadow rays start this far from the surface, towards the camera, in radii of the mesh."""
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the camera stands, in the axes of the mesh, which are those of the light probe.
+
+    toward   from the target towards the camera, any length
+    up       what is up in the image
+    fov_deg  field of view across the width of the image in degrees; None for an orthographic camera
+    target   what it looks at; None for the middle of the mesh's bounding box
+    width    of what the image shows at the target; None for the mesh's bounding sphere to touch the borders
+    """
+
+    toward: Triple = (0.0, 0.0, 1.0)
+    up: Triple = (0.0, 1.0, 0.0)
+    fov_deg: float | None = None
+    target: Triple | None = None
+    width: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if self.fov_deg is not None and not 0 < self.fov_deg < 180:
+            raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {self.fov_deg}; None is orthographic")
+        if self.width is not None and not 0 < self.width < float("inf"):
+            raise ValueError(f"the width that a camera shows must be positive, got {self.width}")
+        if not np.linalg.norm(np.cross(self.toward, self.up)) > 1e-6 * np.linalg.norm(self.toward):
+            raise ValueError(f"the camera's up {self.up} must not be parallel to its direction {self.toward}")
+
+    @classmethod
+    def at(cls, position: Triple, target: Triple, fov_deg: float, up: Triple = (0.0, 1.0, 0.0)) -> Self:
+        """A perspective camera at a position that looks at a target."""
+        toward = np.subtract(position, target)
+        width = 2 * float(np.linalg.norm(toward)) * tan(radians(fov_deg) / 2)
+        return cls(tuple(toward.tolist()), up, fov_deg, target, width)
+
+
+@dataclass(frozen=True)
+class Framing:
+    """A camera before one mesh; all (3,) float64 in the mesh's units.
+
+    right, top, back  unit vectors: image right, image top, towards the camera
+    target            the middle of the image
+    half_width        of what the image shows at the target
+    distance          from the target to the camera, or to where the rays of an orthographic one start
+    """
+
+    right: Tensor
+    top: Tensor
+    back: Tensor
+    target: Tensor
+    half_width: float
+    distance: float
+
+    @classmethod
+    def of(cls, camera: Camera, mesh: TriangleMesh) -> "Framing":
+        """Fill in what the camera leaves to the mesh."""
+        back = normalize(torch.tensor(camera.toward, dtype=torch.float64), dim=0)
+        right = normalize(torch.linalg.cross(torch.tensor(camera.up, dtype=torch.float64), back), dim=0)
+        target = torch.tensor(mesh.centre if camera.target is None else camera.target, dtype=torch.float64)
+        beyond = float(np.linalg.norm(mesh.centre - target.numpy())) + mesh.radius
+        if camera.fov_deg is None:
+            half_width = mesh.radius if camera.width is None else camera.width / 2
+            distance = 2 * beyond
+        else:
+            half = radians(camera.fov_deg) / 2
+            half_width = mesh.radius / sin(half) * tan(half) if camera.width is None else camera.width / 2
+            distance = half_width / tan(half)
+        return cls(right, torch.linalg.cross(back, right), back, target, half_width, distance)
+
+
+class MeshView(View):
+    """A mesh before a camera.
+
+    path    .ply or .obj file; its axes are those of the light probe
+    size    pixels along a side of the square image
+    camera  default: orthographic, along -Z, the mesh's bounding sphere touches the borders
+    shadows trace whether a point sees the light; without, the shape is lit as if nothing were in the way
+
+    Pixels that the silhouette cuts are outside the mask. Light that reflects twice is not simulated: that would
+    not be linear in the BRDF. Traced by Mitsuba.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], size: int, camera: Camera | None = None, shadows: bool = True
+    ) -> None:
+        """Read the mesh and find the pixels that it covers."""
+        if size < 3:
+            raise ValueError(f"a view needs an image of at least 3 x 3 pixels, got size={size}")
+        self.mesh = TriangleMesh.open(path)
+        self.camera = camera or Camera()
+        self.shadows = shadows
+        self.framing = Framing.of(self.camera, self.mesh)
+        self._n = int(size)
+        self._fine = _FINEST
+        while self._fine > _COARSEST and (self._n * self._fine) ** 2 > _MOST_POINTS:
+            self._fine //= 2
+        self.mask, self._normals, self._positions = self._trace_pixels()
+        if not self.mask.any():
+            low, high = self.mesh.vertices.min(0), self.mesh.vertices.max(0)
+            low, high, target = (np.round(corner, 4).tolist() for corner in (low, high, self.framing.target.numpy()))
+            raise ValueError(
+                f"{path}: no pixel of the {size} x {size} image lies wholly on the mesh, which spans {low} to {high}; "
+                f"check the camera (it looks at {target}), or take more pixels"
+            )
+
+    def __repr__(self) -> str:
+        """Mesh, size and camera."""
+        camera = "orthographic" if self.camera.fov_deg is None else f"fov_deg={self.camera.fov_deg}"
+        shadows = "" if self.shadows else ", no shadows"
+        return f"MeshView({self.mesh.name!r}, {self._n}, {camera}, {len(self.pixels)} pixels{shadows})"
+
+    def _identity(self) -> bytes:
+        arrays = (self.mesh.vertices, self.mesh.normals, self.mesh.faces)
+        settings = f"mesh {self._n} {self.camera} {self.shadows}".encode()
+        return settings + b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+
+    @cached_property
+    def _tracer(self) -> RayTracer:
+        return RayTracer(self.mesh)
+
+    def _trace_pixels(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The mask (1, H, W), and normals and positions (3, P, points) of the pixels under it."""
+        steps = (torch.arange(self._fine) + 0.5) / self._fine
+        v, u = torch.cartesian_prod(steps, steps).T
+        masks, normals, positions = [], [], []
+        for pixels in torch.arange(self._n**2).split(max(1, _RAYS // self._fine**2)):
+            origins, directions = self._camera_rays(pixels, u.expand(len(pixels), -1), v.expand(len(pixels), -1))
+            found = self._tracer.hits(origins.flatten(1), directions.flatten(1))
+            normal, position = (vectors.view(origins.shape) for vectors in found)
+            covered = (normal * directions).sum(0).lt(0).all(-1)
+            masks.append(covered)
+            normals.append(normal[:, covered])
+            positions.append(position[:, covered])
+        return torch.cat(masks).view(1, self._n, self._n), torch.cat(normals, 1), torch.cat(positions, 1)
+
+    def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
+        """See View; answers for the nearest of the points that were traced in a pixel."""
+        row, column = ((place * self._fine).to(torch.int64).clamp_(0, self._fine - 1) for place in (v, u))
+        first = torch.searchsorted(self.pixels.to(pixels.device), pixels) * self._fine**2
+        at = (first[:, None] + row * self._fine + column).to(self._normals.device)
+        known = (self._normals, self._positions)
+        normals, positions = (vectors.flatten(1)[:, at.ravel()].view(3, *at.shape).to(u.device) for vectors in known)
+        return SurfacePoints(normals, self._toward_camera(positions), positions)
+
+    def _toward_camera(self, positions: Tensor) -> Tensor:
+        back = self.framing.back.to(positions).view(3, 1, 1)
+        if self.camera.fov_deg is None:
+            return back.expand_as(positions)
+        camera = self.framing.target.to(positions).view(3, 1, 1) + self.framing.distance * back
+        return normalize(camera - positions, dim=0)
+
+    def _camera_rays(self, pixels: Tensor, u: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
+        """Origins and unit directions (3, Q, S) float32."""
+        framing, step = self.framing, 2 * self.framing.half_width / self._n
+        x = ((pixels % self._n)[:, None] + u) * step - framing.half_width
+        y = framing.half_width - ((pixels // self._n)[:, None] + v) * step
+        right, top, back, target = (
+            vector.float().view(3, 1, 1) for vector in (framing.right, framing.top, framing.back, framing.target)
+        )
+        seen = target + x * right + y * top
+        if self.camera.fov_deg is None:
+            return seen + framing.distance * back, (-back).expand_as(seen)
+        camera = (target + framing.distance * back).expand_as(seen)
+        return camera, normalize(seen - camera, dim=0)
+
+    def visibility(self, points: SurfacePoints, w_i: Tensor) -> Tensor | None:
+        """See View; points that face away from the light count as unlit and are not traced."""
+        if not self.shadows or points.positions is None:
+            return None
+        facing = (points.normals * w_i).sum(0) > 0
+        chosen = facing.ravel().nonzero().ravel()
+        all_vectors = (points.positions, points.view_dirs, w_i)
+        positions, back, toward_light = (v.reshape(3, -1).index_select(1, chosen).cpu() for v in all_vectors)
+        start = positions.add_(back, alpha=_OFFSET * self.mesh.radius)
+        lit = ~self._tracer.blocked(start, toward_light).to(w_i.device)
+        return facing.view(-1).index_copy(0, chosen, lit).view(facing.shape)

@@ -1,0 +1,68 @@
+"""`RayTracer`: what rays hit, traced by Mitsuba, with tensors in and out."""
+
+from types import ModuleType
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
+
+
+def to_mitsuba_mesh(mi: ModuleType, mesh: TriangleMesh, bsdf: object = None) -> object:
+    """A `mitsuba.Mesh` with the same triangles and normals, and a loaded BSDF, in the variant that is set."""
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["bsdf"] = bsdf
+    shape = mi.Mesh(mesh.name, len(mesh.vertices), len(mesh.faces), properties, has_vertex_normals=True)
+    arrays = mi.traverse(shape)
+    arrays["vertex_positions"] = np.ravel(mesh.vertices)
+    arrays["vertex_normals"] = np.ravel(mesh.normals)
+    arrays["faces"] = np.ravel(mesh.faces).astype(np.uint32)
+    arrays.update()
+    return shape
+
+
+class RayTracer:
+    """Rays against one mesh.
+
+    Origins and directions are (3, N) float32 on the CPU; directions have unit length.
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        """Build the acceleration structure."""
+        self._mi = load_mitsuba()
+        self._scene = self._mi.load_dict({"type": "scene", "shape": to_mitsuba_mesh(self._mi, mesh)})
+
+    def hits(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """Normals and positions (3, N) of the first hits: interpolated unit normals, 0 where a ray hits nothing."""
+        if not is_vectorised(self._mi):
+            return self._hits_one_by_one(origins, directions)
+        hit = self._scene.ray_intersect(self._rays(origins, directions))
+        normals = torch.stack([hit.sh_frame.n[axis].torch() for axis in range(3)])
+        positions = torch.stack([hit.p[axis].torch() for axis in range(3)])
+        return torch.where(hit.is_valid().torch().bool(), normals, 0), positions
+
+    def blocked(self, origins: Tensor, directions: Tensor) -> Tensor:
+        """(N,) bool: rays that hit something."""
+        if not is_vectorised(self._mi):
+            rays = zip(origins.T.tolist(), directions.T.tolist(), strict=True)
+            return torch.tensor([self._scene.ray_test(self._mi.Ray3f(o, d)) for o, d in rays], dtype=torch.bool)
+        return self._scene.ray_test(self._rays(origins, directions)).torch().bool()
+
+    def _rays(self, origins: Tensor, directions: Tensor) -> object:
+        mi = self._mi
+        return mi.Ray3f(
+            mi.Point3f(*(mi.Float(axis.contiguous()) for axis in origins)),
+            mi.Vector3f(*(mi.Float(axis.contiguous()) for axis in directions)),
+        )
+
+    def _hits_one_by_one(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        found = np.zeros((len(origins.T), 6), np.float32)
+        for row, (o, d) in enumerate(zip(origins.T.tolist(), directions.T.tolist(), strict=True)):
+            hit = self._scene.ray_intersect(self._mi.Ray3f(o, d))
+            if hit.is_valid():
+                found[row] = *hit.sh_frame.n, *hit.p
+        normals, positions = torch.from_numpy(found.T).split(3)
+        return normals, positions
