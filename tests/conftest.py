@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from math import pi
 from pathlib import Path
+from types import ModuleType
 
 import hypothesis
 import pytest
@@ -79,6 +80,19 @@ def must_end() -> Iterator[None]:
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture
+def mitsuba() -> Iterator[ModuleType]:
+    """Mitsuba in its fast variant, which is the one set after the test, too."""
+    from torchbrdf.mitsuba_backend.startup import FAST_VARIANT, MitsubaUnavailableError, load_mitsuba
+
+    try:
+        module = load_mitsuba(FAST_VARIANT)
+    except MitsubaUnavailableError as error:
+        pytest.skip(f"Mitsuba cannot be loaded: {error}")
+    yield module
+    module.set_variant(FAST_VARIANT)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchbrdf.images import png_bytes, read_image, read_mask, tone_map, write_image
+from torchbrdf.images import png_bytes, read_image, read_mask, read_metadata, tone_map, write_image
 
 ZIP = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
@@ -245,3 +245,46 @@ def test_bad_writes(tmp_path):
     with pytest.raises(ValueError, match=r"^image must be \(3, H, W\), got \(9, 14, 3\)$"):
         png_bytes(picture().permute(1, 2, 0))
     assert not list(tmp_path.iterdir())
+
+
+def test_exr_metadata_round_trip(tmp_path):
+    metadata = {"material": "grün, {\"a\": 1}\nsecond line", "empty": "", "k" * 31: "v" * 10_000}
+    write_image(tmp_path / "a.exr", picture(), metadata)
+    assert read_metadata(tmp_path / "a.exr") == metadata
+    assert torch.equal(read_image(tmp_path / "a.exr"), picture())
+    write_image(tmp_path / "plain.exr", picture())
+    assert read_metadata(tmp_path / "plain.exr") == {}
+
+
+def test_metadata_of_other_programs_is_text_only(tmp_path):
+    planes = {c: np.zeros((2, 2), "f4") for c in "RGB"}
+    write_channels(tmp_path / "a.exr", planes, owner="someone", expTime=0.25, name="part")
+    assert read_metadata(tmp_path / "a.exr") == {"owner": "someone"}
+
+
+@pytest.mark.parametrize(
+    ("name", "metadata", "message"),
+    [
+        ("a.png", {"a": "b"}, r"a\.png: only \.exr files hold metadata; write an \.exr, or leave the metadata out$"),
+        ("a.exr", {"type": "b"}, r"^metadata must not be named 'type', which OpenEXR keeps for itself; choose another"),
+        ("a.exr", {"": "b"}, r"^metadata needs names of 1 to 31 characters and no zero bytes, got '': 'b'$"),
+        ("a.exr", {"k" * 32: "b"}, "^metadata needs names of 1 to 31 characters"),
+        ("a.exr", {"a": "b\0c"}, "no zero bytes"),
+        ("a.exr", {"a": 3}, "^metadata must be text by name, got 'a': 3$"),
+    ],
+)
+def test_bad_metadata(tmp_path, name, metadata, message):
+    with pytest.raises(ValueError, match=message):
+        write_image(tmp_path / name, picture(), metadata)
+    assert not list(tmp_path.iterdir())
+
+
+def test_metadata_of_bad_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.exr: no such file$"):
+        read_metadata(tmp_path / "nothing.exr")
+    (tmp_path / "bad.exr").write_bytes(b"hello")
+    with pytest.raises(ValueError, match=r"bad\.exr: not a readable OpenEXR image"):
+        read_metadata(tmp_path / "bad.exr")
+    write_image(tmp_path / "a.hdr", picture())
+    with pytest.raises(ValueError, match=r"a\.hdr: image suffix '\.hdr' is not supported; use \.exr$"):
+        read_metadata(tmp_path / "a.hdr")

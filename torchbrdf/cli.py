@@ -1,4 +1,4 @@
-"""The command line: `torchbrdf demo | fit | render | verify | classes`."""
+"""The command line: `torchbrdf demo | fit | render | bake | export | verify | classes | doctor`."""
 
 import argparse
 import sys
@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NoReturn
 
 import torchbrdf
-from torchbrdf.commands import classes, demo, fit, render, verify
+from torchbrdf.commands import bake, classes, demo, doctor, export, fit, render, verify
+from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -22,10 +23,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return options.run(options)
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
-    except ValueError as error:
+    except (ValueError, MitsubaUnavailableError) as error:
         return _fail(str(error))
-    except KeyboardInterrupt:
-        _say("interrupted; nothing was written")
+    except KeyboardInterrupt as interruption:
+        _say(str(interruption) or "interrupted; nothing was written")
         return INTERRUPTED
 
 
@@ -71,19 +72,39 @@ def _parser() -> argparse.ArgumentParser:
     def library(added: argparse.ArgumentParser) -> None:
         added.add_argument("--library", type=Path, help="folder of MERL *.binary files; default: the embedded library")
 
+    def shape(added: argparse.ArgumentParser) -> None:
+        group = added.add_argument_group("the shape and its camera", "axes and units are the mesh's, axes the probe's")
+        group.add_argument(
+            "--view",
+            default="sphere",
+            metavar="sphere|NORMALS|MESH",
+            help="sphere (default); a mesh, .ply or .obj; or a normal map, .exr, X Y Z in R G B",
+        )
+        group.add_argument("--fov", type=float, metavar="DEG", help="field of view; default: orthographic")
+        for name, text in (
+            ("toward", "from the target towards the camera; default: 0 0 1"),
+            ("up", "what is up in the image; default: 0 1 0"),
+            ("target", "what the camera looks at; default: the middle of the mesh"),
+        ):
+            group.add_argument(f"--{name}", type=float, nargs=3, metavar=("X", "Y", "Z"), help=text)
+        group.add_argument("--width", type=float, help="shown at the target; default: the mesh's bounding sphere")
+        group.add_argument("--no-shadows", action="store_true", help="light the mesh as if it cast no shadows")
+
     added = command("demo", demo.run)
     output(added, "folder for the results; default: torchbrdf-demo", Path("torchbrdf-demo"))
 
     added = command("fit", fit.run)
-    added.add_argument("photo", type=Path, help="linear HDR photograph of the ball, .exr or .hdr")
+    added.add_argument("photo", type=Path, help="linear HDR photograph of the ball or the shape, .exr or .hdr")
     light(added)
-    added.add_argument("--mask", type=Path, help="image that is white where the ball may be used")
+    shape(added)
+    added.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
+    added.add_argument("--mask", type=Path, help="image that is white where the shape may be used")
     added.add_argument(
         "--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help="silhouette in pixels; default: from the mask"
     )
     library(added)
     added.add_argument("--penalty", type=fit.penalty, default=fit.DEFAULT_PENALTY, help=fit.PENALTY_HELP)
-    added.add_argument("--size", type=int, help="resample the ball to N x N pixels; default: its own, at most 128")
+    added.add_argument("--size", type=int, help="resample to N x N pixels; default: its own, at most 128")
     added.add_argument("--allow-ldr", action="store_true", help="accept an 8-bit photograph, taken as gamma 2.2")
     output(added, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
@@ -95,6 +116,22 @@ def _parser() -> argparse.ArgumentParser:
     added.add_argument("--exposure", type=float, default=1.0, help="factor on the radiance in a .png; default: 1")
     output(added, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
 
+    added = command("bake", bake.run)
+    light(added)
+    shape(added)
+    library(added)
+    added.add_argument("--size", type=int, default=64, help="pixels along a side; default: 64")
+    added.add_argument("--samples", type=int, default=4096, help="samples a pixel; default: 4096")
+    added.add_argument("--seed", type=int, default=0, help="of the random numbers; default: 0")
+    output(added, "basis images, .safetensors")
+
+    added = command("export", export.run)
+    added.add_argument("brdf", type=Path, help="MERL table, .binary")
+    light(added)
+    shape(added)
+    added.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
+    output(added, "folder for scene.xml, the files that it names, and render.py")
+
     added = command("verify", verify.run)
     added.add_argument("directory", type=Path, help="folder of MERL *.binary files")
 
@@ -102,6 +139,8 @@ def _parser() -> argparse.ArgumentParser:
     library(added)
     added.add_argument("--n-classes", type=int, default=torchbrdf.classes.N_CLASSES, help="K; default: %(default)s")
     added.add_argument("--n-dims", type=int, default=torchbrdf.classes.N_DIMS, help="N; default: %(default)s")
+
+    command("doctor", doctor.run)
     return parser
 
 

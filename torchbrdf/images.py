@@ -9,9 +9,9 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,15 +19,18 @@ from torch import Tensor
 
 from torchbrdf.files import writing
 
-if TYPE_CHECKING:
-    import OpenEXR
-
 DISPLAY_GAMMA = 2.2
 _HDR_SUFFIXES = (".exr", ".hdr")
 _IMAGE_SUFFIXES = (".exr", ".hdr", ".png")
 _MASK_SUFFIXES = (".png", ".exr")
 _BAD_FILE = " (truncated, damaged or another format)"
+_EXR_ERRORS = (RuntimeError, ValueError, IndexError, KeyError, MemoryError)
 _MAX_PIXELS = 2**28  # a header may ask for any size; 2**28 RGB pixels are 3 GB
+_LONGEST_KEY = 31  # of an OpenEXR attribute that every reader accepts
+_OWN_KEYS = (
+    "channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "maxSamplesPerPixel", "name",
+    "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "type", "version", "view",
+)  # fmt: skip
 
 
 def read_image(path: str | os.PathLike[str], allow_ldr: bool = False) -> Tensor:
@@ -81,22 +84,35 @@ def read_mask(path: str | os.PathLike[str]) -> Tensor:
     return torch.from_numpy(pixels.mean(axis=0, keepdims=True) > 0.5)
 
 
-def write_image(path: str | os.PathLike[str], image: Tensor) -> None:
+def read_metadata(path: str | os.PathLike[str]) -> dict[str, str]:
+    """The text attributes of an .exr file's first part, as `write_image` takes them; what OpenEXR itself needs is not.
+
+    raises     FileNotFoundError; ValueError when the file is not an OpenEXR image
+    """
+    header = _exr_header(_existing(path, (".exr",)))
+    return {key: value for key, value in header.items() if isinstance(value, str) and key not in _OWN_KEYS}
+
+
+def write_image(path: str | os.PathLike[str], image: Tensor, metadata: Mapping[str, str] | None = None) -> None:
     """Write an image; the suffix chooses the format.
 
     path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png
                (8 bits, tone mapped by `tone_map`)
     image      (3, H, W) linear RGB; any device
-    raises     ValueError for another shape or suffix; OSError when the file cannot be written
+    metadata   text to keep in the header, .exr only: `read_metadata` gives it back. Names of 1 to 31 characters,
+               none of those that OpenEXR itself needs
+    raises     ValueError for another shape or suffix, or metadata that the file cannot hold; OSError when the file
+               cannot be written
     """
     path = Path(path)
     check_image_suffix(path)
     _check_image(image)
     suffix = path.suffix.lower()
+    _check_metadata(metadata or {}, path)
     pixels = image.detach().to("cpu", torch.float32).numpy()
     with writing(path) as temporary:
         if suffix == ".exr":
-            _write_exr(temporary, pixels)
+            _write_exr(temporary, pixels, metadata or {})
         elif suffix == ".png":
             temporary.write_bytes(png_bytes(image))
         else:
@@ -140,6 +156,20 @@ def _check_image(image: Tensor) -> None:
         raise ValueError(f"image must be (3, H, W), got {tuple(image.shape)}")
 
 
+def _check_metadata(metadata: Mapping[str, str], path: Path) -> None:
+    if metadata and path.suffix.lower() != ".exr":
+        raise ValueError(f"{path}: only .exr files hold metadata; write an .exr, or leave the metadata out")
+    for key, value in metadata.items():
+        if not (isinstance(key, str) and isinstance(value, str)):
+            raise ValueError(f"metadata must be text by name, got {key!r}: {value!r}")
+        if key in _OWN_KEYS:
+            raise ValueError(f"metadata must not be named {key!r}, which OpenEXR keeps for itself; choose another name")
+        if not 1 <= len(key.encode()) <= _LONGEST_KEY or "\0" in key + value:
+            raise ValueError(
+                f"metadata needs names of 1 to {_LONGEST_KEY} characters and no zero bytes, got {key!r}: {value!r}"
+            )
+
+
 def _existing(path: str | os.PathLike[str], supported: tuple[str, ...]) -> Path:
     path = Path(path)
     if not path.exists():
@@ -169,17 +199,18 @@ def _read_exr(path: Path) -> dict[str, np.ndarray]:
     """The channels of the first part, each (H, W) float32 over the display window."""
     import OpenEXR
 
+    header = _exr_header(path)
     try:
         with _quiet_decoders():
-            with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-                corners = [np.asarray(corner, dtype=np.int64) for corner in _windows(file.parts[0])]
+            windows = (*header["dataWindow"], *header["displayWindow"])
+            corners = [np.asarray(corner, dtype=np.int64) for corner in windows]
             data_min, data_max, view_min, view_max = corners
             data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
             if min(*data_size, *view_size) < 1 or max(data_size.prod(), view_size.prod()) > _MAX_PIXELS:
                 raise ValueError("size")
             with OpenEXR.File(str(path), separate_channels=True) as file:
                 stored = {name: channel.pixels for name, channel in file.parts[0].channels.items()}
-    except (RuntimeError, ValueError, IndexError, KeyError, MemoryError):
+    except _EXR_ERRORS:
         raise ValueError(f"{path}: not a readable OpenEXR image{_BAD_FILE}") from None
 
     lo = np.maximum(data_min, view_min)
@@ -197,8 +228,15 @@ def _read_exr(path: Path) -> dict[str, np.ndarray]:
     return channels
 
 
-def _windows(part: OpenEXR.Part) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return *part.header["dataWindow"], *part.header["displayWindow"]
+def _exr_header(path: Path) -> dict[str, Any]:
+    """The attributes of the first part."""
+    import OpenEXR
+
+    try:
+        with _quiet_decoders(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            return dict(file.parts[0].header)
+    except _EXR_ERRORS:
+        raise ValueError(f"{path}: not a readable OpenEXR image{_BAD_FILE}") from None
 
 
 def _read_opencv(path: Path) -> np.ndarray:
@@ -231,10 +269,10 @@ def _encode(suffix: str, pixels: np.ndarray) -> bytes:
     return encoded.tobytes()
 
 
-def _write_exr(path: Path, pixels: np.ndarray) -> None:
+def _write_exr(path: Path, pixels: np.ndarray, metadata: Mapping[str, str]) -> None:
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {**metadata, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     # OpenEXR 3.5 silently writes wrong pixels for a non-contiguous array.
     channels = {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", pixels, strict=True)}
     try:

@@ -1,4 +1,4 @@
-"""From a photograph to an observation: finding the ball, and averaging its square onto the pixels of a view."""
+"""From a photograph to an observation: finding the ball, and averaging onto the pixels of a view."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.view import SphereView
+from torchbrdf.view import SphereView, View
 
 LARGEST_DEFAULT_SIZE = 128
 """More pixels than this tell little more about a BRDF, and cost time."""
@@ -30,10 +30,10 @@ class Circle:
 
 @dataclass(frozen=True)
 class Observation:
-    """The square around a ball, resampled to the pixels of a SphereView.
+    """A photograph, resampled to the pixels of a view.
 
-    image  (3, N, N)  mean radiance of each pixel's area, 0 where not used
-    mask   (1, N, N)  bool: pixels that usable parts of the photograph cover wholly
+    image  (3, H, W)  mean radiance of each pixel's area, 0 where not used
+    mask   (1, H, W)  bool: pixels that usable parts of the photograph cover wholly
     """
 
     image: Tensor
@@ -78,12 +78,33 @@ def observe(image: Tensor, circle: Circle, mask: Tensor | None = None, size: int
     Raises ValueError where such a pixel is not finite, none is left, or all are black.
     """
     n = min(LARGEST_DEFAULT_SIZE, round(2 * circle.radius)) if size is None else size
-    view = SphereView(n)
+    corner = circle.x - circle.radius, circle.y - circle.radius
+    return _averaged(image, mask, SphereView(n), corner, 2 * circle.radius / n)
+
+
+def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Observation:
+    """Average a whole photograph, taken by the view's own camera, onto the pixels of the view; see `observe`.
+
+    Raises ValueError where the photograph has other proportions than the view, too.
+    """
+    height, width = image.shape[-2:]
+    if height * view.size[1] != width * view.size[0]:
+        raise ValueError(
+            f"the photograph is {height} x {width} and the view {view.size[0]} x {view.size[1]}; "
+            "crop it to what the camera of the view shows"
+        )
+    return _averaged(image, mask, view, (0.0, 0.0), width / view.size[1])
+
+
+def _averaged(
+    image: Tensor, mask: Tensor | None, view: View, corner: tuple[float, float], step: float
+) -> Observation:
+    """The part of the image from a corner (x, y) on, with `step` pixels of it for each pixel of the view."""
+    height, width = view.size
     usable = torch.ones_like(image[:1], dtype=torch.bool) if mask is None else mask
     finite = torch.isfinite(image).all(0, keepdim=True)
-    step = 2 * circle.radius / n
-    rows = _box_weights(circle.y - circle.radius, step, n, image.shape[-2])
-    columns = _box_weights(circle.x - circle.radius, step, n, image.shape[-1])
+    rows = _box_weights(corner[1], step, height, image.shape[-2])
+    columns = _box_weights(corner[0], step, width, image.shape[-1])
 
     def averaged(values: Tensor) -> Tensor:
         return rows @ values.double() @ columns.T
@@ -91,12 +112,14 @@ def observe(image: Tensor, circle: Circle, mask: Tensor | None = None, size: int
     used = (averaged(usable) > 1 - 1e-6) & view.mask
     unsound = int((used & (averaged(usable & ~finite) > 0)).sum())
     if unsound:
-        raise ValueError(f"NaN or infinite values in {unsound} of the {n} x {n} pixels; mask them out")
+        raise ValueError(f"NaN or infinite values in {unsound} of the {height} x {width} pixels; mask them out")
     if not used.any():
-        raise ValueError(f"no whole pixel of the ball is left at {n} x {n}: the mask is too small or full of holes")
+        raise ValueError(
+            f"no whole pixel of the shape is left at {height} x {width}: the mask is too small or full of holes"
+        )
     observed = torch.where(used, averaged(torch.where(usable & finite, image, 0)), 0).to(image.dtype)
     if not observed.any():
-        raise ValueError("the ball is black: every usable pixel is 0")
+        raise ValueError("the photographed shape is black: every usable pixel is 0")
     return Observation(observed, used)
 
 

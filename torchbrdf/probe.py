@@ -83,6 +83,37 @@ class LightProbe:
         """The procedural probe: a studio room over five decades of radiance, lit from all sides."""
         return cls(studio_room(_checked_height(height)), name="default light probe")
 
+    @classmethod
+    def sky(
+        cls,
+        sun_elevation: float,
+        turbidity: float = 3.0,
+        *,
+        sun_azimuth: float = 135.0,
+        ground_albedo: float = 0.3,
+        sun: bool = True,
+        height: int = 256,
+    ) -> LightProbe:
+        """A clear sky with its sun, from Mitsuba's `sunsky`: the model of Hosek and Wilkie [HW12, HW13].
+
+        sun_elevation  degrees above the horizon, 0 to 90
+        turbidity      1 (clearest) to 10 (haze); 3 is a clear day in a temperate climate
+        sun_azimuth    phi of this class in degrees: the sun is in direction (sin phi cos e, sin e, -cos phi cos e).
+                       0 is -Z, behind the object; 90 is +X, at the right of the image; 180 is +Z, behind the camera.
+                       Default: behind the camera on the right
+        ground_albedo  0 to 1, of the ground as far as it brightens the sky. The ground itself is black
+        sun            whether the sun's disc is included; the glow around it always is
+        height         rows. The disc, 0.536 degrees wide, is spread over the texels that it meets, with its power
+        Radiance is in W / (m^2 sr nm), a mean over the visible spectrum: 1 is about 73,000 cd / m^2. Negative values,
+        of colours outside linear sRGB (very low suns), become 0. Raises ValueError for values out of range,
+        MitsubaUnavailableError (an ImportError) where Mitsuba cannot be loaded.
+        """
+        from torchbrdf.mitsuba_backend.sky import sky_radiance
+
+        rows = _checked_height(height)
+        radiance = sky_radiance(sun_elevation, turbidity, sun_azimuth, ground_albedo, sun, rows)
+        return cls(radiance, name=f"sky with the sun at {sun_elevation:g} degrees, turbidity {turbidity:g}")
+
     @property
     def radiance(self) -> Tensor:
         """(3, H, 2 H) float32; not to be written to."""

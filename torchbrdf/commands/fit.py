@@ -1,4 +1,4 @@
-"""`torchbrdf fit`: from a photograph of a ball to its BRDF."""
+"""`torchbrdf fit`: from a photograph of a ball, or of another known shape, to its BRDF."""
 
 import argparse
 import json
@@ -8,17 +8,17 @@ from typing import Literal
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
-from torchbrdf.commands.inputs import about, open_library, open_probe
+from torchbrdf.commands.inputs import about, open_library, open_probe, open_view
 from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator
 from torchbrdf.files import writing, writing_folder
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
-from torchbrdf.photograph import Circle, Observation, find_circle, observe
+from torchbrdf.photograph import LARGEST_DEFAULT_SIZE, Circle, Observation, find_circle, observe, observe_view
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.transport import render_basis
-from torchbrdf.view import SphereView
+from torchbrdf.view import SphereView, View
 
 PENALTY_HELP = f'lambda of the prior, a number >= 0, or "paper" (0.5); default: {DEFAULT_PENALTY}'
 
@@ -34,12 +34,16 @@ def penalty(text: str) -> float | Literal["paper"]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Recover the BRDF of a photographed ball: brdf.binary, weights.json, fitted.exr and report.html."""
+    """Recover the BRDF of a photographed ball, or another known shape: brdf.binary, weights.json, report.html."""
     with writing_folder(options.output) as folder:
-        observation = _read_observation(options)
+        size = options.size
+        if options.basis is not None and size is None:
+            size = BasisImages.load(options.basis).size[1]
+        observation, view = _read_observation(options, size)
         probe = open_probe(options)
         library = open_library(options)
-        fitted = fit(observation, probe, library, options.penalty)
+        basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
+        fitted = fit(observation, probe, library, options.penalty, view, basis)
         settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
         write_results(folder, fitted, probe, library, settings)
     print(summary(fitted))
@@ -47,15 +51,22 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read_observation(options: argparse.Namespace) -> Observation:
+def _read_observation(options: argparse.Namespace, size: int | None) -> tuple[Observation, View]:
     photograph = read_image(options.photo, allow_ldr=options.allow_ldr)
     mask = None if options.mask is None else read_mask(options.mask)
+    if options.view != "sphere":
+        if options.circle is not None:
+            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
+        view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.shape[-1]))
+        with about(options.photo):
+            return observe_view(photograph, view, mask), view
     with about(options.mask or options.photo):
         circle = find_circle((photograph.shape[-2], photograph.shape[-1]), mask)
     if options.circle is not None:
         circle = Circle(*options.circle)
     with about(options.photo):
-        return observe(photograph, circle, mask, options.size)
+        observation = observe(photograph, circle, mask, size)
+    return observation, open_view(options, observation.image.shape[-1])
 
 
 @dataclass(frozen=True)
@@ -63,7 +74,7 @@ class Fit:
     """An observation and what came of it."""
 
     observation: Observation
-    view: SphereView
+    view: View
     basis: BasisImages
     classes: MaterialClasses
     estimator: BRDFEstimator
@@ -76,10 +87,16 @@ def fit(
     probe: LightProbe,
     library: MaterialLibrary,
     penalty: float | Literal["paper"] = DEFAULT_PENALTY,
+    view: View | None = None,
+    basis: BasisImages | None = None,
 ) -> Fit:
-    """Render the basis, solve, and expand the table."""
-    view = SphereView(observation.image.shape[-1])
-    basis = render_basis(library, probe, view, progress=True)
+    """Render the basis, solve, and expand the table.
+
+    view   default: an orthographic sphere
+    basis  rendered before, with this library, probe and view
+    """
+    view = view or SphereView(observation.image.shape[-1])
+    basis = basis or render_basis(library, probe, view, progress=True)
     classes = MaterialClasses.fit(library)
     estimator = BRDFEstimator(basis, classes, penalty)
     result = estimator(observation.image, observation.mask)
@@ -125,6 +142,7 @@ def weights_record(fitted: Fit) -> dict[str, object]:
         "relative_error": float(fitted.result.relative_error),
         "penalty": fitted.estimator.penalty,
         "library": fitted.result.library,
+        "normal_coverage": fitted.basis.normal_coverage,
         "weights": [
             {"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used
         ],

@@ -1,6 +1,7 @@
 """Mitsuba 3 beside the transport of this package: the only place that imports it, when it is first needed."""
 
 from torchbrdf.mitsuba_backend.baking import bake_basis
+from torchbrdf.mitsuba_backend.export import export_scene
 from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, register_merl
 from torchbrdf.mitsuba_backend.mesh_view import Camera, MeshView
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
@@ -13,6 +14,7 @@ __all__ = [
     "MitsubaScene",
     "MitsubaUnavailableError",
     "bake_basis",
+    "export_scene",
     "load_mitsuba",
     "merl_bsdf",
     "register_merl",

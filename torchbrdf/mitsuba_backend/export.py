@@ -59,13 +59,12 @@ _MESH = f"""\
         <string name="filename" value="{MESH}"/>"""
 
 _RENDER = f'''\
-"""Render {SCENE} to image.exr and image.png: python {RENDER} (pip install torchbrdf mitsuba karellen-llvm-core)."""
+"""Render {SCENE} to image.exr and image.png, with torchbrdf and Mitsuba: python {RENDER}"""
 
 import argparse
 from pathlib import Path
 
-from torchbrdf.mitsuba_backend.merl_bsdf import register_merl
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.mitsuba_backend import load_mitsuba, register_merl
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--samples", type=int, default=256, help="a pixel; default: 256")
@@ -88,8 +87,7 @@ A recovered BRDF as a scene for Mitsuba 3, written by torchbrdf.
 
     python {RENDER}
 
-writes image.exr (linear radiance) and image.png (display values). It needs torchbrdf and Mitsuba:
-pip install torchbrdf mitsuba karellen-llvm-core
+writes image.exr (linear radiance) and image.png (display values), with torchbrdf and Mitsuba installed.
 
 {SCENE:<14} camera, light, shape and material; edit it freely. Paths in it are relative to it
 {BRDF:<14} the material, a table in MERL format: $material
@@ -97,7 +95,7 @@ pip install torchbrdf mitsuba karellen-llvm-core
 $mesh
 In a scene of your own, after mitsuba.set_variant:
 
-    from torchbrdf.mitsuba_backend.merl_bsdf import register_merl
+    from torchbrdf.mitsuba_backend import register_merl
     register_merl()
 
 Then <bsdf type="merl"><string name="filename" value="{BRDF}"/></bsdf> is a material like any other.
@@ -113,9 +111,8 @@ def export_scene(table: MerlTable, probe: LightProbe, view: View, folder: str | 
     table   the material, for one: `result.brdf(library)` of a reconstruction
     view    a SphereView or a MeshView: the shape and the camera
     folder  gets scene.xml, brdf.binary, probe.exr, render.py, README.txt, and mesh.ply of a MeshView; whole or absent
-    The scene renders what `torchbrdf.render` gives, but for the light that a mesh's render leaves out and
-    `integrator type="path"` adds. Raises ValueError for a view without a shape, OSError where the folder cannot be
-    written.
+    The scene renders what `torchbrdf.render` gives, light that is reflected once, always with the shadows that a mesh
+    casts on itself. Raises ValueError for a view without a shape, OSError where the folder cannot be written.
     """
     scene = scene_xml(view)
     with writing_folder(folder) as temporary:

@@ -1,7 +1,7 @@
 """The Mitsuba plugin `merl`: a measured table as a BSDF.
 
-    import torchbrdf.mitsuba_backend
-    torchbrdf.mitsuba_backend.register_merl()
+    from torchbrdf.mitsuba_backend import register_merl
+    register_merl()
 
 after `mitsuba.set_variant`; then `{"type": "merl", "filename": "brass.binary"}` is a BSDF in any scene. Parameters:
 

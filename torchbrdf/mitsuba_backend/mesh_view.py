@@ -1,6 +1,7 @@
 """`MeshView`: a known shape of triangles before a camera, with the shadows that it casts on itself."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians, sin, tan
@@ -28,7 +29,8 @@ _RAYS = 1 << 20
 _OFFSET = 2e-4
 """Shadow rays start this far from the surface, towards the camera, in radii of the mesh."""
 
-Triple = tuple[float, float, float]
+Triple = Sequence[float]
+"""Three numbers."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +51,27 @@ class Camera:
     width: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
+        """Check the values; vectors become tuples."""
+        for name in ("toward", "up", "target"):
+            vector = getattr(self, name)
+            if vector is not None:
+                if np.shape(vector) != (3,) or not np.isfinite(vector).all():
+                    raise ValueError(f"the camera's {name} must be three finite numbers, got {vector}")
+                object.__setattr__(self, name, tuple(float(number) for number in vector))
         if self.fov_deg is not None and not 0 < self.fov_deg < 180:
             raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {self.fov_deg}; None is orthographic")
         if self.width is not None and not 0 < self.width < float("inf"):
             raise ValueError(f"the width that a camera shows must be positive, got {self.width}")
-        if not np.linalg.norm(np.cross(self.toward, self.up)) > 1e-6 * np.linalg.norm(self.toward):
-            raise ValueError(f"the camera's up {self.up} must not be parallel to its direction {self.toward}")
+        lengths = np.linalg.norm(self.toward) * np.linalg.norm(self.up)
+        if not np.linalg.norm(np.cross(self.toward, self.up)) > 1e-6 * lengths:
+            raise ValueError(f"the camera's up {self.up} must not be 0 or parallel to its direction {self.toward}")
 
     @classmethod
     def at(cls, position: Triple, target: Triple, fov_deg: float, up: Triple = (0.0, 1.0, 0.0)) -> Self:
         """A perspective camera at a position that looks at a target."""
         toward = np.subtract(position, target)
         width = 2 * float(np.linalg.norm(toward)) * tan(radians(fov_deg) / 2)
-        return cls(tuple(toward.tolist()), up, fov_deg, target, width)
+        return cls(toward.tolist(), up, fov_deg, target, width)
 
 
 @dataclass(frozen=True)
@@ -142,7 +151,7 @@ class MeshView(View):
 
     def _identity(self) -> bytes:
         arrays = (self.mesh.vertices, self.mesh.normals, self.mesh.faces)
-        settings = f"mesh {self._n} {self.camera} {self.shadows}".encode()
+        settings = f"mesh {self._n} {self.camera} {self.shadows}".encode()  # the rest follows from these and the mesh
         return settings + b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
 
     @cached_property

@@ -10,8 +10,6 @@ import importlib.metadata
 import os
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -87,17 +85,6 @@ def import_mitsuba() -> ModuleType:
 def is_vectorised(mi: ModuleType) -> bool:
     """Whether the variant set works on arrays, not on one ray at a time."""
     return not mi.variant().startswith("scalar")
-
-
-@contextmanager
-def quiet(mi: ModuleType) -> Iterator[None]:
-    """Hide Mitsuba's warnings within the block; its errors still show, and the level is as before afterwards."""
-    before = mi.log_level()
-    mi.set_log_level(mi.LogLevel.Error)
-    try:
-        yield
-    finally:
-        mi.set_log_level(before)
 
 
 def packaged_llvm() -> Path | None:
