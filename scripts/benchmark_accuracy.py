@@ -75,6 +75,8 @@ BASELINES = (
     Setting(f"default ({DEFAULT_PENALTY})", {}),
 )
 
+FIGURE_SHOWS = tuple(setting for setting in BASELINES if setting.name != "one class 0.5")
+
 
 def settings_of(choices: Mapping[str, Sequence[Any]]) -> list[Setting]:
     """All combinations of choices, argument -> values. Raises ValueError for an argument that nothing takes."""
@@ -238,24 +240,33 @@ def merl_targets(folder: Path, probes: Mapping[str, tb.LightProbe], size: int) -
     return targets
 
 
-def figure(path: Path, experiment: Experiment, settings: Sequence[Setting], observed: str, novel: str) -> None:
-    """A picture: photograph, truth under the novel probe, and there what every setting makes of the photograph."""
-    mask = experiment.view.mask
+def figure(path: Path, experiment: Experiment, observed: str, novel: str, materials: Sequence[str]) -> None:
+    """A picture: photographs, the truth under the novel probe, and there what the baselines make of the photographs."""
+    for name in (observed, novel):
+        if name not in experiment.probes:
+            raise ValueError(f"--figure: there are targets under {', '.join(experiment.probes)}, not under {name}")
+    for material in materials:
+        if material not in experiment.materials:
+            raise ValueError(f"--figure-materials: there are {', '.join(experiment.materials)}, not {material}")
     photographs = experiment.observations(observed, [0])[0]
     rendered = []
-    for setting in settings:
+    for setting in FIGURE_SHOWS:
         classes = tb.MaterialClasses.fit(experiment.library, **setting.classes)
         result = tb.BRDFEstimator(experiment.bases[observed], classes, **setting.estimator)(photographs)
         rendered.append(experiment.relit(result.weights, [novel])[novel])
     rows = {}
-    for i, material in enumerate(experiment.materials):
+    for material in materials or experiment.materials:
+        i = experiment.materials.index(material)
         truth = experiment.targets[novel][material].photograph
-        shown = truth, *(some[i] for some in rendered)
-        tiles = [on_white(photographs[i].float(), mask, exposure([photographs[i]]))]
-        tiles += [on_white(image.float(), mask, exposure([truth])) for image in shown]
-        rows[material.removesuffix("_rgb")] = tiles
-    titles = [f"photograph,\n{observed}", f"truth,\n{novel}", *(f"{setting.name},\n{novel}" for setting in settings)]
-    write_sheet(path, rows, titles, tile=128)
+        shown = [(photographs[i], exposure([photographs[i]]))]
+        shown += [(image, exposure([truth])) for image in (truth, *(some[i] for some in rendered))]
+        rows[material.removesuffix("_rgb")] = [on_white(image, experiment.view.mask, scale) for image, scale in shown]
+    titles = [
+        f"photograph,\n{observed}",
+        f"truth,\n{novel}",
+        *(f"{setting.name},\n{novel}" for setting in FIGURE_SHOWS),
+    ]
+    write_sheet(path, rows, titles, tile=88)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -276,7 +287,8 @@ def run(options: argparse.Namespace) -> None:
     targets = read_targets(options.targets) if folder is None else merl_targets(folder, probes, SIZE)
     experiment = Experiment.of(library, probes, targets, options.tables)
     if options.figure:
-        figure(options.figure, experiment, settings, *list(experiment.probes)[:2])
+        path, observed, novel = options.figure
+        figure(Path(path), experiment, observed, novel, options.figure_materials)
 
     floor = experiment.floor()
     cases = list(experiment.cases(settings, options.noise, options.observe))
@@ -316,7 +328,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--tables", action="store_true", help="render whole tables instead of Y w")
     parser.add_argument("--csv", type=Path, help="write every case")
-    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw results, from the first probe to the second")
+    parser.add_argument(
+        "--figure", nargs=3, metavar=("PNG", "OBSERVED", "NOVEL"), help="draw results under a new probe"
+    )
+    parser.add_argument("--figure-materials", nargs="+", default=[], metavar="NAME", help="of these; default: of all")
     options = parser.parse_args(argv)
     try:
         run(options)

@@ -1,4 +1,4 @@
-"""Claim: a BRDF is recovered from a photograph of any curved shape as well as from one of a sphere [CBP21, fig. 6].
+"""Claim: a BRDF is recovered from a photograph of a known shape other than a sphere, too [CBP21, fig. 6].
 
     python scripts/known_shapes.py --library MERL_DIR [--probe venice.exr] [--parts figure cost normals]
 
@@ -8,7 +8,7 @@ normals  shapes that show few normals, and docs/figures/known_shapes_normals.png
 
 Every material is recovered with a library without it, from a photograph with noise. Errors are |a - b| / |b| over
 all channels and pixels under the mask; "novel light" is a sphere of the recovered BRDF under other probes, mean.
-Photographs have their own random numbers.
+Photographs have random numbers of their own.
 """
 
 import argparse
@@ -46,7 +46,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.estimator import FEWEST_NORMALS
-from torchbrdf.transport import render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared" / "data"
@@ -141,7 +141,7 @@ def compare_backends(
     judge: Judge, probe: tb.LightProbe, view: tb.View, ours: tb.BasisImages, images: Tensor, noise: float
 ) -> None:
     """The same photographs fitted with basis images from Mitsuba."""
-    baked = tb.render_basis(judge.library, probe, view, backend="mitsuba", seed=7)
+    baked = tb.render_basis(judge.library, probe, view, backend="mitsuba", samples=4 * DEFAULT_SAMPLES, seed=7)
     difference = torch.linalg.vector_norm((baked.packed - ours.packed).flatten(1), dim=1)
     relative = 100 * difference / torch.linalg.vector_norm(baked.packed.flatten(1), dim=1)
     estimated = torch.zeros(baked.n) if baked.relative_errors is None else baked.relative_errors

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 from known_shapes_report import print_judgements, print_table
-from known_shapes_scenes import Judge, Judgement, Photographs, open_view
+from known_shapes_scenes import PENALTIES, Judge, Judgement, Photographs, open_view
 from torch import Tensor
 from tqdm import tqdm
 
@@ -42,7 +42,8 @@ def compare_light(
     shapes = [shape for shape in views if shape != "sphere"]
     print(f"\n### Depth of the paths: relative difference to {2 * MAX_DEPTH} [%]\n")
     print_depths(judge, probe, views["Buddha"])
-    cases: dict[str, dict[str, dict[str, Judgement]]] = {case: {} for case in CASES}
+    cases: dict[str, dict[str, dict[str, dict[str, Judgement]]]]
+    cases = {name: {case: {} for case in CASES} for name in PENALTIES}
     share: dict[str, list[float]] = {}
     shadow: dict[str, list[float]] = {}
     checks = []
@@ -59,7 +60,8 @@ def compare_light(
             ("C", full, unshadowed),
             ("D", direct, unshadowed),
         ):
-            cases[case][shape] = judge.judge(judge.fit(basis, photographs.images, noise))
+            for name, penalty in PENALTIES.items():
+                cases[name][case][shape] = judge.judge(judge.fit(basis, photographs.images, noise, penalty))
         share[shape] = [relative_rms(*pair, view.mask) for pair in zip(direct.images, full.images, strict=True)]
         lit = [unshadowed.image(material) for material in judge.materials]
         shadow[shape] = [relative_rms(*pair, view.mask) for pair in zip(lit, direct.images, strict=True)]
@@ -73,7 +75,14 @@ def compare_light(
         print_table(("shape", *judge.materials, "mean"), rows)
     for case, title in CASES.items():
         print(f"\n### {case}: {title}; observation / novel light [%]\n")
-        print_judgements(judge.materials, cases[case])
+        print_judgements(judge.materials, cases["default"][case])
+    for name, by_case in cases.items():
+        print(f"\n### {name} penalty, novel light, mean of the materials [%]\n")
+        rows = []
+        for case, by_shape in by_case.items():
+            means = [statistics.mean(found.novel for found in by_shape[shape].values()) for shape in shapes]
+            rows.append((case, *(f"{100 * value:.1f}" for value in (*means, statistics.mean(means)))))
+        print_table(("", *shapes, "mean"), rows)
 
 
 def interreflections(judge: Judge, probe: tb.LightProbe, view: tb.View) -> tuple[Tensor, Tensor]:

@@ -114,15 +114,26 @@ def probe_tile(probe: tb.LightProbe) -> Tensor:
 def write_scatter(path: Path, coverage: Mapping[str, float], errors: Mapping[str, float], threshold: float) -> None:
     """Write a plot of novel-light errors in per cent against the share of normals, with the names of the shapes."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
 
     figure = Figure(figsize=(8, 5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     axes.axvline(threshold, color="0.7", linestyle="--", label=f"a warning below {threshold:g}")
     for shape, x in coverage.items():
-        axes.plot(x, errors[shape], "o", color="C0", markersize=5)
-        axes.annotate(shape, (x, errors[shape]), xytext=(4, 3), textcoords="offset points", fontsize=7)
-    axes.set(xscale="log", yscale="log", xlabel="share of the normals of a sphere that the shape shows")
-    axes.set_xlim(right=2.2)
+        short = shape.replace(" degrees", "°").removeprefix("cap of ")
+        right = shape.startswith(("plane", "cube", "sphere"))
+        axes.plot(x, errors[shape], "o", color="C1" if shape.startswith("cap") else "C0", markersize=5)
+        place = (7, -3) if right else (-5, -9)
+        axes.annotate(
+            short, (x, errors[shape]), place, textcoords="offset points", fontsize=8, ha="left" if right else "right"
+        )
+    axes.plot([], [], "o", color="C1", markersize=5, label="caps of a sphere, angle from the middle to the edge")
+    axes.set(xscale="log", yscale="log", xlabel="normal_coverage: share of the normals of a sphere")
+    axes.set_xlim(right=1.9)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
     axes.set_ylabel("error under novel light, mean [%]")
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)

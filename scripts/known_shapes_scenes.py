@@ -128,7 +128,7 @@ class Photographs:
 
 
 def photograph(
-    tables: Sequence[tb.MerlTable], probe: tb.LightProbe, view: tb.View, samples: int = DEFAULT_SAMPLES
+    tables: Sequence[tb.MerlTable], probe: tb.LightProbe, view: tb.View, samples: int = 2 * DEFAULT_SAMPLES
 ) -> Photographs:
     """A view of materials in light that is reflected once; two halves of `samples` each, with seeds of their own."""
     halves = [render_tables(tables, probe, view, samples, seed=1000 + half) for half in range(2)]
@@ -200,7 +200,7 @@ def few_normals() -> dict[str, tuple[TriangleMesh, tb.Camera]]:
         "ball of 320 faces": (faceted(trimesh.creation.icosphere(2), "ball"), tb.Camera(toward=corner)),
         "half sphere from the side": (half_sphere_from_the_side(), FRONT),
     }
-    for opening in (10, 20, 30, 40, 60):
+    for opening in (10, 20, 30, 40, 60, 75):
         shapes[f"cap of {opening} degrees"] = (cap(opening), tb.Camera(width=2 * sin(np.radians(opening))))
     shapes["sphere"] = (cap(180), FRONT)
     return shapes

@@ -9,6 +9,8 @@ from math import pi
 from pathlib import Path
 from types import ModuleType
 
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as torchbrdf sets it where it is imported before torch
+
 import hypothesis
 import pytest
 import torch

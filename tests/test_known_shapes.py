@@ -13,6 +13,8 @@ import trimesh
 import torchbrdf as tb
 from torchbrdf.transport import render_tables
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*supports 1 material class")
+
 SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 
 

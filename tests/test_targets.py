@@ -459,7 +459,8 @@ def test_both_scripts_together(
     rows, picture = tmp_path / "cases.csv", tmp_path / "figure.png"
     paths = [str(path) for path in probe_files]
     command = ["--targets", str(analytic), "--library", str(merl_directory), "--probes", *paths, "--noise", "0", "1"]
-    command += ["--penalty", "0.05", "paper", "--n-classes", "1", "--csv", str(rows), "--figure", str(picture)]
+    command += ["--penalty", "0.05", "paper", "--n-classes", "1", "--csv", str(rows)]
+    command += ["--figure", str(picture), "room", "noise"]
     assert benchmark.main(command) == 0
     out = capsys.readouterr().out
     assert "3 materials, 3 probes, 10 x 10 pixels, library of 8" in out
@@ -472,6 +473,8 @@ def test_both_scripts_together(
     plaster = [cells for cells in cases if cells[:3] == ["one class 0.005", "0.0", "white-plaster"]]
     assert len(plaster) == 6
     assert max(float(cells[6]) for cells in plaster) < 0.08
+    assert benchmark.main([*command, "--figure", str(picture), "room", "sun"]) == 2
+    assert "error: --figure: there are targets under room, back, noise, not under sun" in capsys.readouterr().err
     assert benchmark.main(["--targets", str(tmp_path / "nowhere")]) == 2
     assert "nowhere: no such folder of targets; make it with scripts/make_targets.py" in capsys.readouterr().err
 

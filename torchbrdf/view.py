@@ -28,14 +28,16 @@ _COVERAGE_PIXELS = 4096
 class SurfacePoints:
     """Points of a shape that the camera sees, in world space, component first.
 
-    normals    (3, Q, S)  unit vectors; 0 where a ray misses the shape
-    view_dirs  (3, Q, S)  unit vectors towards the camera
-    positions  (3, Q, S)  where a shape can shade itself; None else
+    normals        (3, Q, S)  unit vectors of the smooth shape
+    view_dirs      (3, Q, S)  unit vectors towards the camera
+    positions      (3, Q, S)  where a shape can shade itself; None else
+    facet_normals  (3, Q, S)  unit normals of the flat facets on which they lie; None like the positions
     """
 
     normals: Tensor
     view_dirs: Tensor
     positions: Tensor | None = None
+    facet_normals: Tensor | None = None
 
 
 class View(ABC):

@@ -26,6 +26,7 @@ from torchbrdf.transport_sampling import TransportSamples
 from torchbrdf.view import View
 
 _PATHS_AT_ONCE = 1 << 18
+_PIXELS_AT_ONCE = 1 << 11
 _PASSES = 8
 """At least, where there are so many samples: fewer tell their spread badly."""
 
@@ -120,7 +121,7 @@ def bake_basis(
     samples  a pixel, at least 2; each takes one direction from the light and one from the BSDF
     state    file that keeps the passes done, every few seconds and when interrupted; if it exists, the bake goes
              on where that one stopped. The caller deletes it when the result is safe
-    Memory is the result's plus a constant. Raises ValueError for fewer than 2 samples or the state of another
+    Memory is up to three times the result's, plus a constant. Raises ValueError for fewer than 2 samples or the state of another
     bake, MitsubaUnavailableError where Mitsuba cannot be loaded.
     """
     if samples < 2:
@@ -147,9 +148,10 @@ def bake_basis(
         finally:
             if path is not None and done.passes:
                 _save(done, path, identity)
-    packed = (done.mean * scale.float())[..., library.column_index]
+    errors = done.relative_errors
+    images = done.mean.mul_(scale.float()).permute(2, 0, 1)
     return BasisImages(
-        packed=packed.permute(2, 0, 1).contiguous(),
+        packed=images[library.column_index].contiguous(),
         mask=view.mask,
         names=library.names,
         library=library.source,
@@ -157,7 +159,7 @@ def bake_basis(
         view=view.fingerprint,
         description=f"mitsuba, {samples} samples a pixel, seed {seed}",
         normal_coverage=view.normal_coverage,
-        relative_errors=done.relative_errors[library.column_index],
+        relative_errors=errors[library.column_index],
     )
 
 
@@ -178,7 +180,7 @@ def _render_pass(paths: LightPaths, columns: Tensor, samples: int, seed: int) ->
     points = torch.quasirandom.SobolEngine(N_NUMBERS, scramble=True, seed=scramble).draw(samples).T[:, None]
     pixels = paths.view.pixels
     images = torch.empty(3, len(pixels), columns.shape[1])
-    for chosen in torch.arange(len(pixels)).split(max(1, _PATHS_AT_ONCE // samples)):
+    for chosen in torch.arange(len(pixels)).split(min(_PIXELS_AT_ONCE, _PATHS_AT_ONCE // samples)):
         shifts = torch.rand(N_NUMBERS, len(chosen), 1, generator=generator)
         numbers = (points + shifts).remainder_(1).clamp_(max=1 - 2.0**-24)
         found = paths.trace(pixels[chosen], numbers)

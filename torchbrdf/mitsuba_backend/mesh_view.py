@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
-from torchbrdf.mitsuba_backend.tracing import RayTracer
+from torchbrdf.mitsuba_backend.tracing import Hits, RayTracer
 from torchbrdf.view import SurfacePoints, View
 
 _FINEST = 16
@@ -26,8 +26,8 @@ _MOST_POINTS = 1 << 23
 _RAYS = 1 << 20
 """Traced at once."""
 
-_OFFSET = 2e-4
-"""Shadow rays start this far from the surface, towards the camera, in radii of the mesh."""
+_OFFSET = 1e-5
+"""Shadow rays start this far outside their facet, in units of the farthest vertex from the origin: a hundred roundings."""
 
 Triple = Sequence[float]
 """Three numbers."""
@@ -134,7 +134,7 @@ class MeshView(View):
         self._fine = _FINEST
         while self._fine > _COARSEST and (self._n * self._fine) ** 2 > _MOST_POINTS:
             self._fine //= 2
-        self.mask, self._normals, self._positions = self._trace_pixels()
+        self.mask, self._points = self._trace_pixels()
         if not self.mask.any():
             low, high = self.mesh.vertices.min(0), self.mesh.vertices.max(0)
             low, high, target = (np.round(corner, 4).tolist() for corner in (low, high, self.framing.target.numpy()))
@@ -155,32 +155,43 @@ class MeshView(View):
         return settings + b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
 
     @cached_property
+    def _offset(self) -> float:
+        return _OFFSET * float(np.linalg.norm(self.mesh.vertices, axis=1).max())
+
+    @cached_property
     def _tracer(self) -> RayTracer:
         return RayTracer(self.mesh)
 
-    def _trace_pixels(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The mask (1, H, W), and normals and positions (3, P, points) of the pixels under it."""
+    def _trace_pixels(self) -> tuple[Tensor, Hits]:
+        """The mask (1, H, W), and what the rays of the pixels under it hit, point by point of every pixel."""
         steps = (torch.arange(self._fine) + 0.5) / self._fine
         v, u = torch.cartesian_prod(steps, steps).T
-        masks, normals, positions = [], [], []
+        masks, parts = [], []
         for pixels in torch.arange(self._n**2).split(max(1, _RAYS // self._fine**2)):
             origins, directions = self._camera_rays(pixels, u.expand(len(pixels), -1), v.expand(len(pixels), -1))
             found = self._tracer.hits(origins.flatten(1), directions.flatten(1))
-            normal, position = (vectors.view(origins.shape) for vectors in found)
-            covered = (normal * directions).sum(0).lt(0).all(-1)
+            toward = -directions.flatten(1)
+            facing = ((found.normals * toward).sum(0) > 0) & ((found.facet_normals * toward).sum(0) > 0)
+            covered = facing.view(len(pixels), -1).all(-1)
             masks.append(covered)
-            normals.append(normal[:, covered])
-            positions.append(position[:, covered])
-        return torch.cat(masks).view(1, self._n, self._n), torch.cat(normals, 1), torch.cat(positions, 1)
+            inside = covered.repeat_interleave(self._fine**2)
+            parts.append([vectors[:, inside] for vectors in (found.normals, found.positions, found.facet_normals)])
+        points = Hits(*(torch.cat(vectors, 1) for vectors in zip(*parts, strict=True)))
+        return torch.cat(masks).view(1, self._n, self._n), points
 
     def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
         """See View; answers for the nearest of the points that were traced in a pixel."""
         row, column = ((place * self._fine).to(torch.int64).clamp_(0, self._fine - 1) for place in (v, u))
         first = torch.searchsorted(self.pixels.to(pixels.device), pixels) * self._fine**2
-        at = (first[:, None] + row * self._fine + column).to(self._normals.device)
-        known = (self._normals, self._positions)
-        normals, positions = (vectors.flatten(1)[:, at.ravel()].view(3, *at.shape).to(u.device) for vectors in known)
-        return SurfacePoints(normals, self._toward_camera(positions), positions)
+        at = (first[:, None] + row * self._fine + column).cpu()
+
+        def chosen(vectors: Tensor) -> Tensor:
+            return vectors.index_select(1, at.ravel()).view(3, *at.shape).to(u.device)
+
+        positions = chosen(self._points.positions)
+        return SurfacePoints(
+            chosen(self._points.normals), self._toward_camera(positions), positions, chosen(self._points.facet_normals)
+        )
 
     def _toward_camera(self, positions: Tensor) -> Tensor:
         back = self.framing.back.to(positions).view(3, 1, 1)
@@ -204,13 +215,13 @@ class MeshView(View):
         return camera, normalize(seen - camera, dim=0)
 
     def visibility(self, points: SurfacePoints, w_i: Tensor) -> Tensor | None:
-        """See View; points that face away from the light count as unlit and are not traced."""
-        if not self.shadows or points.positions is None:
+        """See View; points whose facet faces away from the light are in the shadow of the shape itself."""
+        if not self.shadows or points.positions is None or points.facet_normals is None:
             return None
-        facing = (points.normals * w_i).sum(0) > 0
-        chosen = facing.ravel().nonzero().ravel()
-        all_vectors = (points.positions, points.view_dirs, w_i)
-        positions, back, toward_light = (v.reshape(3, -1).index_select(1, chosen).cpu() for v in all_vectors)
-        start = positions.add_(back, alpha=_OFFSET * self.mesh.radius)
-        lit = ~self._tracer.blocked(start, toward_light).to(w_i.device)
-        return facing.view(-1).index_copy(0, chosen, lit).view(facing.shape)
+        lit = ((points.normals * w_i).sum(0) > 0) & ((points.facet_normals * w_i).sum(0) > 0)
+        chosen = lit.ravel().nonzero().ravel()
+        vectors = (points.positions, points.facet_normals, w_i)
+        positions, facets, toward_light = (v.reshape(3, -1).index_select(1, chosen).cpu() for v in vectors)
+        start = positions.add_(facets, alpha=self._offset)
+        free = ~self._tracer.blocked(start, toward_light).to(w_i.device)
+        return lit.view(-1).index_copy(0, chosen, free).view(lit.shape)

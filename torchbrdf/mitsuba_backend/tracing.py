@@ -1,5 +1,6 @@
 """`RayTracer`: what rays hit, traced by Mitsuba, with tensors in and out."""
 
+from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -24,6 +25,20 @@ def to_mitsuba_mesh(mi: ModuleType, mesh: TriangleMesh, bsdf: object = None) -> 
     return shape
 
 
+@dataclass(frozen=True)
+class Hits:
+    """What rays hit first, all (3, N) float32 and 0 where a ray hits nothing.
+
+    normals        interpolated between the vertices, unit length
+    positions      in the mesh's units
+    facet_normals  of the triangles, unit length
+    """
+
+    normals: Tensor
+    positions: Tensor
+    facet_normals: Tensor
+
+
 class RayTracer:
     """Rays against one mesh.
 
@@ -35,14 +50,14 @@ class RayTracer:
         self._mi = load_mitsuba()
         self._scene = self._mi.load_dict({"type": "scene", "shape": to_mitsuba_mesh(self._mi, mesh)})
 
-    def hits(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-        """Normals and positions (3, N) of the first hits: interpolated unit normals, 0 where a ray hits nothing."""
+    def hits(self, origins: Tensor, directions: Tensor) -> Hits:
+        """The first hit of every ray."""
         if not is_vectorised(self._mi):
             return self._hits_one_by_one(origins, directions)
         hit = self._scene.ray_intersect(self._rays(origins, directions))
-        normals = torch.stack([hit.sh_frame.n[axis].torch() for axis in range(3)])
-        positions = torch.stack([hit.p[axis].torch() for axis in range(3)])
-        return torch.where(hit.is_valid().torch().bool(), normals, 0), positions
+        valid = hit.is_valid().torch().bool()
+        found = (hit.sh_frame.n, hit.p, hit.n)
+        return Hits(*(torch.where(valid, torch.stack([v[axis].torch() for axis in range(3)]), 0) for v in found))
 
     def blocked(self, origins: Tensor, directions: Tensor) -> Tensor:
         """(N,) bool: rays that hit something."""
@@ -58,11 +73,10 @@ class RayTracer:
             mi.Vector3f(*(mi.Float(axis.contiguous()) for axis in directions)),
         )
 
-    def _hits_one_by_one(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-        found = np.zeros((len(origins.T), 6), np.float32)
+    def _hits_one_by_one(self, origins: Tensor, directions: Tensor) -> Hits:
+        found = np.zeros((len(origins.T), 9), np.float32)
         for row, (o, d) in enumerate(zip(origins.T.tolist(), directions.T.tolist(), strict=True)):
             hit = self._scene.ray_intersect(self._mi.Ray3f(o, d))
             if hit.is_valid():
-                found[row] = *hit.sh_frame.n, *hit.p
-        normals, positions = torch.from_numpy(found.T).split(3)
-        return normals, positions
+                found[row] = *hit.sh_frame.n, *hit.p, *hit.n
+        return Hits(*torch.from_numpy(found.T).split(3))
