@@ -9,7 +9,7 @@ from math import pi
 from pathlib import Path
 from types import ModuleType
 
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as torchbrdf sets it where it is imported before torch
+os.environ.setdefault("GOMP_SPINCOUNT", "5000")  # as torchbrdf sets it where it is imported before torch
 
 import hypothesis
 import pytest

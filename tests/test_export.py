@@ -14,11 +14,11 @@ import torch
 from conftest import ROOT, TINY_MATERIALS
 
 import torchbrdf as tb
+from torchbrdf import Camera, MeshView
 from torchbrdf.cli import main
 from torchbrdf.metrics import relative_rms
 from torchbrdf.mitsuba_backend.export import export_scene, scene_xml
 from torchbrdf.mitsuba_backend.merl_bsdf import register_merl
-from torchbrdf.mitsuba_backend.mesh_view import Camera, MeshView
 from torchbrdf.mitsuba_backend.scenes import MitsubaScene
 
 SAMPLES = 64

@@ -13,8 +13,8 @@ import torch
 from conftest import TINY_MATERIALS
 
 import torchbrdf as tb
+from torchbrdf import Camera, MeshView
 from torchbrdf.metrics import relative_rms
-from torchbrdf.mitsuba_backend.mesh_view import Camera, MeshView
 from torchbrdf.mitsuba_backend.scenes import MitsubaScene, light
 
 HEIGHT, WIDTH = 24, 48

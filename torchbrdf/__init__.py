@@ -2,9 +2,10 @@
 
 import os
 
-# Read when torch is first imported. By default its idle threads spin, and take the cores from Mitsuba's threads and
-# from other processes: on a busy machine that made the basis images eight times slower.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# libgomp reads it when torch is first imported. Idle threads of torch spin for long by default and take the cores
+# from Mitsuba's threads and from other processes: basis images on two busy cores took 30 s and more instead of 7 s.
+# Spinning shortly costs nothing on quiet ones (docs/mitsuba.md).
+os.environ.setdefault("GOMP_SPINCOUNT", "5000")
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
@@ -13,7 +14,8 @@ from torchbrdf.estimator import BRDFEstimator
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
-from torchbrdf.mitsuba_backend.mesh_view import Camera, MeshView
+from torchbrdf.mitsuba_backend.camera import Camera
+from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.transport import render, render_basis

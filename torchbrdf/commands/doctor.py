@@ -36,6 +36,7 @@ PACKAGES = {
     "OpenEXR": "OpenEXR",
     "opencv-python-headless": "cv2",
     "safetensors": "safetensors",
+    "trimesh": "trimesh",
 }
 """Packages that torchbrdf needs, and the module of each."""
 OTHER_OPENCV = ("opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")
@@ -165,18 +166,12 @@ def _llvm(facts: dict) -> str:
 def _threads(section: Section, facts: dict) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     threads = torch.get_num_threads()
-    policy = os.environ.get("OMP_WAIT_POLICY")
     section.add("CPU cores", f"{cores} usable")
     section.add("torch", f"{threads} threads")
     section.add("OMP_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "not set"))
-    section.add("OMP_WAIT_POLICY", policy or "not set")
+    section.add("OMP_WAIT_POLICY", os.environ.get("OMP_WAIT_POLICY", "not set"))
+    section.add("GOMP_SPINCOUNT", os.environ.get("GOMP_SPINCOUNT", "not set"))
     section.add("Dr.Jit", f"{facts['threads']} threads" if "threads" in facts else "unknown, Mitsuba does not load")
-    if threads > 1 and "threads" in facts and (policy or "").upper() != "PASSIVE":
-        section.add(
-            "advice",
-            "torch's threads wait by spinning and take the cores from Dr.Jit's; where Mitsuba and torch work in turn, "
-            "set OMP_WAIT_POLICY=PASSIVE before Python starts",
-        )
 
 
 def _cuda(section: Section) -> None:

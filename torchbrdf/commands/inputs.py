@@ -7,8 +7,9 @@ from pathlib import Path
 
 from torchbrdf.images import read_image
 from torchbrdf.library import MaterialLibrary
+from torchbrdf.mitsuba_backend.camera import Camera
 from torchbrdf.mitsuba_backend.mesh import SUFFIXES as MESH_SUFFIXES
-from torchbrdf.mitsuba_backend.mesh_view import Camera, MeshView
+from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.view import NormalMapView, SphereView, View
 

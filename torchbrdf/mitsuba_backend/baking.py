@@ -81,7 +81,7 @@ class BakedSum:
             save_file(tensors, temporary, {"format": _FORMAT, "identity": identity})
 
     @classmethod
-    def load(cls, path: Path, identity: str) -> "BakedSum":
+    def load(cls, path: Path, identity: str, shape: tuple[int, ...]) -> "BakedSum":
         """Read what `save` wrote; ValueError where it is something else or the state of something else."""
         try:
             with safe_open(path, "pt") as file:
@@ -94,8 +94,14 @@ class BakedSum:
                 f"{path}: the state of another bake (other probe, view, library, samples or seed); "
                 "finish that one, or delete the file to start anew"
             )
-        samples, passes = tensors["counts"].tolist()
-        return cls(tensors["mean"], tensors["spread"], samples, passes)
+        try:
+            samples, passes = tensors["counts"].tolist()
+            found = cls(tensors["mean"], tensors["spread"], samples, passes)
+        except (KeyError, ValueError) as error:
+            raise ValueError(f"{path}: not the state of a bake: {error}; delete it to start anew") from None
+        if found.mean.shape != shape or found.spread.shape != shape[2:]:
+            raise ValueError(f"{path}: damaged, its images are {tuple(found.mean.shape)}; delete it to start anew")
+        return found
 
 
 def _energy(images: Tensor) -> Tensor:
@@ -121,8 +127,8 @@ def bake_basis(
     samples  a pixel, at least 2; each takes one direction from the light and one from the BSDF
     state    file that keeps the passes done, every few seconds and when interrupted; if it exists, the bake goes
              on where that one stopped. The caller deletes it when the result is safe
-    Memory is up to three times the result's, plus a constant. Raises ValueError for fewer than 2 samples or the state of another
-    bake, MitsubaUnavailableError where Mitsuba cannot be loaded.
+    Memory is up to three times the result's, plus a constant. Raises ValueError for fewer than 2 samples or the
+    state of another bake, MitsubaUnavailableError where Mitsuba cannot be loaded.
     """
     if samples < 2:
         raise ValueError(f"baking needs at least 2 samples a pixel, whose spread tells the error; got {samples}")
@@ -132,7 +138,7 @@ def bake_basis(
     path = None if state is None else Path(state)
     done = BakedSum.empty(len(view.pixels), columns.shape[1])
     if path is not None and path.exists():
-        done = BakedSum.load(path, identity)
+        done = BakedSum.load(path, identity, tuple(done.mean.shape))
     paths = LightPaths(view, probe)
     size = max(1, min(_LARGEST_PASS, samples // _PASSES))
     saved, cost = time.monotonic(), 0.0

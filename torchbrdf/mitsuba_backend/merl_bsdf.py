@@ -39,6 +39,8 @@ def register_merl() -> None:
 
 def merl_bsdf(table: MerlTable, interpolation: str = "nearest") -> dict[str, Array]:
     """A table as a BSDF in a Mitsuba scene dictionary."""
+    if interpolation not in ("nearest", "linear"):
+        raise ValueError(f'interpolation must be "nearest" or "linear", got {interpolation!r}')
     mi = load_mitsuba()
     register_merl()
     return {"type": "merl", "values": mi.TensorXf(table_values(table)), "interpolation": interpolation}
@@ -73,10 +75,8 @@ def cell_index(mi: ModuleType, h: Array, d: Array, p: Array) -> Array:
     """Flat cell of coordinates in units of cells; phi_d wraps around."""
     import drjit as dr
 
-    row, column, slab = (mi.Int32(dr.floor(coordinate)) for coordinate in (h, d, p))
-    row, column = dr.clip(row, 0, GRID[0] - 1), dr.clip(column, 0, GRID[1] - 1)
-    slab = dr.select(slab < 0, slab + GRID[2], slab)
-    slab = dr.select(slab >= GRID[2], slab - GRID[2], slab)
+    p = p - GRID[2] * dr.floor(p / GRID[2])
+    row, column, slab = (dr.clip(mi.Int32(dr.floor(c)), 0, n - 1) for c, n in zip((h, d, p), GRID, strict=True))
     return mi.UInt32((row * GRID[1] + column) * GRID[2] + slab)
 
 
@@ -195,7 +195,7 @@ def _values(mi: ModuleType, props: Array) -> Array:
         if tuple(values.shape) != (*GRID, 3):
             raise ValueError(f"merl: values must be {(*GRID, 3)}, got {tuple(values.shape)}")
         return values
-    if "filename" not in props:
+    if ("filename" in props) == ("values" in props):
         raise ValueError('merl: give either "filename", a MERL .binary file, or "values", a tensor (90, 90, 180, 3)')
     path = mi.file_resolver().resolve(props["filename"])
     return mi.TensorXf(table_values(MerlTable.open(str(path))))

@@ -20,6 +20,11 @@ CREASE_ANGLE = radians(60)
 """Faces that meet at a larger angle keep normals of their own, where a file brings none."""
 
 _MAX_HEADER = 1 << 16
+_FARTHEST = 1e30
+_ZEROTH_VERTEX = re.compile(rb"(?m)^[ \t]*f[ \t](?:.*[ \t])?0(?:/|\s|$)")
+
+_UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, NameError, NotImplementedError, MemoryError)
+"""What trimesh raises for damaged files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,16 +104,28 @@ def _read(path: Path) -> list["trimesh.Trimesh"]:
 
     try:
         scene = trimesh.load_scene(path, process=False)
-    except (ValueError, IndexError, KeyError, TypeError, AttributeError, NotImplementedError, MemoryError) as error:
-        raise ValueError(f"{path}: not a sound {path.suffix} mesh: {error}") from None
+    except _UNREADABLE as error:
+        raise ValueError(f"{path}: not a sound {path.suffix} mesh: {' '.join(str(error).split())}") from None
     parts = [part for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)]
     promised = _promised_faces(path)
     found = sum(len(part.faces) for part in parts)
     if found < promised:
         raise ValueError(f"{path}: the header promises {promised} faces and the file has {found}; is it truncated?")
-    if not all(np.isfinite(part.vertices).all() for part in parts):
-        raise ValueError(f"{path}: some vertices are NaN or infinite")
+    if path.suffix.lower() == ".obj" and _ZEROTH_VERTEX.search(path.read_bytes()):
+        raise ValueError(f"{path}: a face names the vertex with index 0, but .obj files count from 1")
+    for part in parts:
+        _check_part(part, path)
     return parts
+
+
+def _check_part(part: "trimesh.Trimesh", path: Path) -> None:
+    if part.vertices.ndim != 2 or part.vertices.shape[1] != 3:
+        raise ValueError(f"{path}: vertices must have three coordinates, got {part.vertices.shape}")
+    if not (np.abs(part.vertices) < _FARTHEST).all():
+        raise ValueError(f"{path}: some vertices are NaN, infinite or beyond {_FARTHEST:g}")
+    if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
+        wrong = part.faces.min() if part.faces.min() < 0 else part.faces.max()
+        raise ValueError(f"{path}: a face names the vertex with index {wrong}, of {len(part.vertices)}")
 
 
 def _promised_faces(path: Path) -> int:
@@ -148,7 +165,14 @@ def _with_normals(part: "trimesh.Trimesh") -> tuple["trimesh.Trimesh", bool]:
         lengths = np.linalg.norm(part.vertex_normals[np.unique(part.faces)], axis=1)
         if np.allclose(lengths, 1, atol=0.01):
             return part, False
-    return trimesh.graph.smooth_shade(part, angle=CREASE_ANGLE), True
+    smooth = trimesh.graph.smooth_shade(part, angle=CREASE_ANGLE)
+    if (np.linalg.norm(smooth.vertex_normals[np.unique(smooth.faces)], axis=1) > 0.99).all():
+        return smooth, True
+    # The normals of sheets with two sides cancel at their vertices: every face gets its own.
+    corners = part.vertices[part.faces].reshape(-1, 3)
+    normals = np.repeat(part.face_normals, 3, axis=0)
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return trimesh.Trimesh(corners, faces, vertex_normals=normals, process=False), True
 
 
 def _warn(message: str) -> None:

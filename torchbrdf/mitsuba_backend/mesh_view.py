@@ -1,17 +1,14 @@
 """`MeshView`: a known shape of triangles before a camera, with the shadows that it casts on itself."""
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from math import radians, sin, tan
-from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from torchbrdf.mitsuba_backend.camera import Camera, Framing
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
 from torchbrdf.mitsuba_backend.tracing import Hits, RayTracer
 from torchbrdf.view import SurfacePoints, View
@@ -21,91 +18,13 @@ _FINEST = 16
 
 _COARSEST = 4
 _MOST_POINTS = 1 << 23
-"""Beyond this many in all, pixels get fewer points, down to _COARSEST along a side; each takes 24 bytes."""
+"""Beyond this many in all, pixels get fewer points, down to _COARSEST along a side; each takes 36 bytes."""
 
 _RAYS = 1 << 20
 """Traced at once."""
 
 _OFFSET = 1e-5
-"""Shadow rays start this far outside their facet, in units of the farthest vertex from the origin: a hundred roundings."""
-
-Triple = Sequence[float]
-"""Three numbers."""
-
-
-@dataclass(frozen=True)
-class Camera:
-    """Where the camera stands, in the axes of the mesh, which are those of the light probe.
-
-    toward   from the target towards the camera, any length
-    up       what is up in the image
-    fov_deg  field of view across the width of the image in degrees; None for an orthographic camera
-    target   what it looks at; None for the middle of the mesh's bounding box
-    width    of what the image shows at the target; None for the mesh's bounding sphere to touch the borders
-    """
-
-    toward: Triple = (0.0, 0.0, 1.0)
-    up: Triple = (0.0, 1.0, 0.0)
-    fov_deg: float | None = None
-    target: Triple | None = None
-    width: float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the values; vectors become tuples."""
-        for name in ("toward", "up", "target"):
-            vector = getattr(self, name)
-            if vector is not None:
-                if np.shape(vector) != (3,) or not np.isfinite(vector).all():
-                    raise ValueError(f"the camera's {name} must be three finite numbers, got {vector}")
-                object.__setattr__(self, name, tuple(float(number) for number in vector))
-        if self.fov_deg is not None and not 0 < self.fov_deg < 180:
-            raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {self.fov_deg}; None is orthographic")
-        if self.width is not None and not 0 < self.width < float("inf"):
-            raise ValueError(f"the width that a camera shows must be positive, got {self.width}")
-        lengths = np.linalg.norm(self.toward) * np.linalg.norm(self.up)
-        if not np.linalg.norm(np.cross(self.toward, self.up)) > 1e-6 * lengths:
-            raise ValueError(f"the camera's up {self.up} must not be 0 or parallel to its direction {self.toward}")
-
-    @classmethod
-    def at(cls, position: Triple, target: Triple, fov_deg: float, up: Triple = (0.0, 1.0, 0.0)) -> Self:
-        """A perspective camera at a position that looks at a target."""
-        toward = np.subtract(position, target)
-        width = 2 * float(np.linalg.norm(toward)) * tan(radians(fov_deg) / 2)
-        return cls(toward.tolist(), up, fov_deg, target, width)
-
-
-@dataclass(frozen=True)
-class Framing:
-    """A camera before one mesh; all (3,) float64 in the mesh's units.
-
-    right, top, back  unit vectors: image right, image top, towards the camera
-    target            the middle of the image
-    half_width        of what the image shows at the target
-    distance          from the target to the camera, or to where the rays of an orthographic one start
-    """
-
-    right: Tensor
-    top: Tensor
-    back: Tensor
-    target: Tensor
-    half_width: float
-    distance: float
-
-    @classmethod
-    def of(cls, camera: Camera, mesh: TriangleMesh) -> "Framing":
-        """Fill in what the camera leaves to the mesh."""
-        back = normalize(torch.tensor(camera.toward, dtype=torch.float64), dim=0)
-        right = normalize(torch.linalg.cross(torch.tensor(camera.up, dtype=torch.float64), back), dim=0)
-        target = torch.tensor(mesh.centre if camera.target is None else camera.target, dtype=torch.float64)
-        beyond = float(np.linalg.norm(mesh.centre - target.numpy())) + mesh.radius
-        if camera.fov_deg is None:
-            half_width = mesh.radius if camera.width is None else camera.width / 2
-            distance = 2 * beyond
-        else:
-            half = radians(camera.fov_deg) / 2
-            half_width = mesh.radius / sin(half) * tan(half) if camera.width is None else camera.width / 2
-            distance = half_width / tan(half)
-        return cls(right, torch.linalg.cross(back, right), back, target, half_width, distance)
+"""Shadow rays start this far above their facet, times the distance of the farthest vertex: a hundred roundings."""
 
 
 class MeshView(View):
@@ -124,8 +43,8 @@ class MeshView(View):
         self, path: str | os.PathLike[str], size: int, camera: Camera | None = None, shadows: bool = True
     ) -> None:
         """Read the mesh and find the pixels that it covers."""
-        if size < 3:
-            raise ValueError(f"a view needs an image of at least 3 x 3 pixels, got size={size}")
+        if size < 3 or size != int(size):
+            raise ValueError(f"a view needs an image of at least 3 x 3 whole pixels, got size={size}")
         self.mesh = TriangleMesh.open(path)
         self.camera = camera or Camera()
         self.shadows = shadows
@@ -163,19 +82,26 @@ class MeshView(View):
         return RayTracer(self.mesh)
 
     def _trace_pixels(self) -> tuple[Tensor, Hits]:
-        """The mask (1, H, W), and what the rays of the pixels under it hit, point by point of every pixel."""
+        """The mask (1, H, W), and what the rays of the pixels under it hit, point by point of every pixel.
+
+        Facets are turned towards the camera, whatever the order of their corners.
+        """
         steps = (torch.arange(self._fine) + 0.5) / self._fine
         v, u = torch.cartesian_prod(steps, steps).T
-        masks, parts = [], []
+        masks, parts, inward = [], [], 0
         for pixels in torch.arange(self._n**2).split(max(1, _RAYS // self._fine**2)):
             origins, directions = self._camera_rays(pixels, u.expand(len(pixels), -1), v.expand(len(pixels), -1))
-            found = self._tracer.hits(origins.flatten(1), directions.flatten(1))
-            toward = -directions.flatten(1)
-            facing = ((found.normals * toward).sum(0) > 0) & ((found.facet_normals * toward).sum(0) > 0)
-            covered = facing.view(len(pixels), -1).all(-1)
+            away = directions.flatten(1)
+            found = self._tracer.hits(origins.flatten(1), away)
+            cosine = -(found.normals * away).sum(0)
+            inward += int((cosine < 0).sum()) - int((cosine > 0).sum())
+            covered = (cosine > 0).view(len(pixels), -1).all(-1)
             masks.append(covered)
             inside = covered.repeat_interleave(self._fine**2)
-            parts.append([vectors[:, inside] for vectors in (found.normals, found.positions, found.facet_normals)])
+            facets = torch.where((found.facet_normals * away).sum(0) > 0, -found.facet_normals, found.facet_normals)
+            parts.append([vectors[:, inside] for vectors in (found.normals, found.positions, facets)])
+        if inward > 0:
+            raise ValueError(f"the normals of {self.mesh} point inwards; flip its faces, or its normals if it has any")
         points = Hits(*(torch.cat(vectors, 1) for vectors in zip(*parts, strict=True)))
         return torch.cat(masks).view(1, self._n, self._n), points
 

@@ -14,8 +14,9 @@ import torch
 from torch import Tensor
 
 from torchbrdf.merl import MerlTable
+from torchbrdf.mitsuba_backend.camera import Framing
 from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, table_values
-from torchbrdf.mitsuba_backend.mesh_view import Framing, MeshView
+from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
 from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
 from torchbrdf.probe import LightProbe
@@ -83,12 +84,16 @@ class MitsubaScene:
     def set_table(self, table: MerlTable) -> None:
         """Give the shape another table; nothing is compiled anew."""
         parameters = self._mi.traverse(self.scene)
-        (key,) = (key for key in dict(parameters) if key.endswith(".values"))
-        parameters[key] = self._mi.TensorXf(table_values(table))
+        keys = [key for key in dict(parameters) if key.endswith(".values")]
+        if len(keys) != 1:
+            raise ValueError("set_table needs a scene whose BSDF is the plugin merl; make it with a MerlTable")
+        parameters[keys[0]] = self._mi.TensorXf(table_values(table))
         parameters.update()
 
     def render(self, samples: int, seed: int = 0) -> Tensor:
         """Radiance (3, H, W), 0 outside the mask, with some samples a pixel."""
+        if samples < 1:
+            raise ValueError(f"a rendering needs at least 1 sample a pixel, got {samples}")
         height, width = self.view.size
         most = max(1, _PATHS_AT_ONCE // (height * width)) if is_vectorised(self._mi) else samples
         counts = [min(most, samples - done) for done in range(0, samples, most)]

@@ -61,6 +61,8 @@ class RayTracer:
 
     def blocked(self, origins: Tensor, directions: Tensor) -> Tensor:
         """(N,) bool: rays that hit something."""
+        if origins.shape[1] == 0:  # Dr.Jit aborts the process where it is given no ray
+            return torch.zeros(0, dtype=torch.bool)
         if not is_vectorised(self._mi):
             rays = zip(origins.T.tolist(), directions.T.tolist(), strict=True)
             return torch.tensor([self._scene.ray_test(self._mi.Ray3f(o, d)) for o, d in rays], dtype=torch.bool)
