@@ -32,7 +32,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--samples", type=int, default=65536, help="of Mitsuba, a pixel")
-    parser.add_argument("--fine", type=int, nargs="+", default=[16, 64], help="points along a side of a pixel")
+    parser.add_argument("--fine", type=int, nargs="+", default=[16], help="points along a side of a pixel")
     options = parser.parse_args()
     library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
     table = library.table(MATERIAL)

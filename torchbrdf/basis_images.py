@@ -54,6 +54,29 @@ class BasisImages:
         if self.relative_errors is not None and self.relative_errors.shape != expected[:1]:
             raise ValueError(f"relative_errors must be {expected[:1]}, got {tuple(self.relative_errors.shape)}")
 
+    @classmethod
+    def of(
+        cls,
+        packed: Tensor,
+        library: MaterialLibrary,
+        probe: LightProbe,
+        view: View,
+        description: str,
+        relative_errors: Tensor | None = None,
+    ) -> "BasisImages":
+        """Images with what they were rendered from."""
+        return cls(
+            packed=packed,
+            mask=view.mask,
+            names=library.names,
+            library=library.source,
+            probe=probe.fingerprint,
+            view=view.fingerprint,
+            description=description,
+            normal_coverage=view.normal_coverage,
+            relative_errors=relative_errors,
+        )
+
     def __repr__(self) -> str:
         """Size and origin."""
         n, _, p = self.packed.shape

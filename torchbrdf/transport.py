@@ -67,16 +67,8 @@ def render_basis(
     library.stored.prefetch()
     packed = _render(columns, probe, view, samples, seed, adaptive, progress)
     packed = (packed * scale.to(packed.device, torch.float32))[..., library.column_index.to(packed.device)]
-    return BasisImages(
-        packed=packed.permute(2, 0, 1).contiguous(),
-        mask=view.mask,
-        names=library.names,
-        library=library.source,
-        probe=probe.fingerprint,
-        view=view.fingerprint,
-        description=f"{backend}, {samples} samples a pixel, seed {seed}",
-        normal_coverage=view.normal_coverage,
-    )
+    description = f"{backend}, {samples} samples a pixel, seed {seed}"
+    return BasisImages.of(packed.permute(2, 0, 1).contiguous(), library, probe, view, description)
 
 
 def render(

@@ -156,15 +156,12 @@ def bake_basis(
                 _save(done, path, identity)
     errors = done.relative_errors
     images = done.mean.mul_(scale.float()).permute(2, 0, 1)
-    return BasisImages(
+    return BasisImages.of(
         packed=images[library.column_index].contiguous(),
-        mask=view.mask,
-        names=library.names,
-        library=library.source,
-        probe=probe.fingerprint,
-        view=view.fingerprint,
+        library=library,
+        probe=probe,
+        view=view,
         description=f"mitsuba, {samples} samples a pixel, seed {seed}",
-        normal_coverage=view.normal_coverage,
         relative_errors=errors[library.column_index],
     )
 
