@@ -45,7 +45,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.estimator import FEWEST_NORMALS
+from torchbrdf.basis_images import FEWEST_NORMALS
 from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -46,6 +46,14 @@ class TestContents:
         assert (basis.n, basis.size) == (6, (2, 3))
         assert "n = 6, 2 x 3, 4 pixels" in repr(basis)
 
+    def test_few_normals_are_distrusted_wherever_the_images_go(self, tmp_path):
+        assert small(normal_coverage=0.15).distrust is None
+        plane = small(normal_coverage=0.009)
+        plane.save(tmp_path / "plane.safetensors")
+        for basis in (plane, plane.subset(["b"]), BasisImages.load(tmp_path / "plane.safetensors")):
+            assert basis.distrust is not None
+            assert "0.9% of the normals of a sphere" in basis.distrust
+
     def test_subset_and_without_take_three_rows_a_material(self):
         basis = small()
         swapped = basis.subset(["b", "a"])

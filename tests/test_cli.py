@@ -78,7 +78,7 @@ def test_photograph_with_nan(capsys, tmp_path):
 def test_black_photograph(capsys, tmp_path):
     path = tmp_path / "black.exr"
     tb.write_image(path, torch.zeros(3, SIZE, SIZE))
-    assert "black.exr: the photographed shape is black" in assert_fit_fails(capsys, tmp_path, path)
+    assert "black.exr: the ball is black" in assert_fit_fails(capsys, tmp_path, path)
 
 
 def test_empty_mask(capsys, tmp_path, photo):

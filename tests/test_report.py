@@ -259,6 +259,16 @@ def test_the_warnings(errors, weights, clamped, expected):
     assert evidence.margin == (errors[1] / errors[0] if len(errors) > 1 else float("inf"))
 
 
+def test_a_shape_with_few_normals_is_the_first_warning():
+    candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0)
+    evidence = Evidence(
+        photograph=None, used=None, candidates=(candidate,), chosen=0, names=("a",), channel_errors=(), turned=None,
+        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None, distrust="the shape is a plane",
+    )  # fmt: skip
+    assert evidence.warnings[0] == "The shape is a plane."
+    assert len(evidence.warnings) == 2
+
+
 def test_the_turn_takes_the_camera_side_to_image_right():
     turned = turn_about_y(90.0) @ torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     assert torch.allclose(turned, torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64), atol=1e-12)

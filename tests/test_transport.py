@@ -313,7 +313,7 @@ class TestRandomness:
 
 class TestBadInput:
     def test_backend(self, tiny_library: MaterialLibrary) -> None:
-        with pytest.raises(ValueError, match=r'^backend must be "sampled", got \'guess\'$'):
+        with pytest.raises(ValueError, match=r'^backend must be "sampled" or "mitsuba", got \'guess\'$'):
             render_basis(tiny_library, lamps(), SMALL, backend="guess")
 
     @pytest.mark.parametrize("samples", [1, 0, -5])

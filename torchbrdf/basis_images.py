@@ -18,6 +18,9 @@ from torchbrdf.packing import pack, unpack
 from torchbrdf.probe import LightProbe
 from torchbrdf.view import View
 
+FEWEST_NORMALS = 0.15
+"""Share of a sphere's normals that a shape must show for its photograph to tell the BRDF (docs/known_shapes.md)."""
+
 _FORMAT = "torchbrdf basis images 1"
 _ORIGIN = ("library", "probe", "view", "description")
 
@@ -92,6 +95,16 @@ class BasisImages:
     def size(self) -> tuple[int, int]:
         """Height and width of an image."""
         return self.mask.shape[-2], self.mask.shape[-1]
+
+    @property
+    def distrust(self) -> str | None:
+        """Why no reconstruction from this view is to be trusted; None where its normals suffice."""
+        if self.normal_coverage >= FEWEST_NORMALS:
+            return None
+        return (
+            f"the shape shows only {self.normal_coverage:.1%} of the normals of a sphere: a plane, a cube and the like "
+            "tell too little about a BRDF, do not trust the result; photograph a shape that is curved both ways"
+        )
 
     def to(self, device: torch.device | str) -> "BasisImages":
         """The same images on another device."""

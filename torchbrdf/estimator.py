@@ -19,9 +19,6 @@ PAPER_PENALTY = 0.5
 DEFAULT_PENALTY: Literal["paper"] | float = 0.0005
 """lambda of the estimator and the command line: the best fixed one for the four classes in docs/leave_one_out.md."""
 
-FEWEST_NORMALS = 0.15
-"""Share of a sphere's normals that a shape must show for its photograph to tell the BRDF (docs/known_shapes.md)."""
-
 Solver = Literal["factored", "lstsq"]
 
 
@@ -57,14 +54,8 @@ class BRDFEstimator(nn.Module):
             raise ValueError(f'penalty must be "paper" or a number >= 0, got {penalty!r}')
         if solver not in ("factored", "lstsq"):
             raise ValueError(f'solver must be "factored" or "lstsq", got {solver!r}')
-        if basis.normal_coverage < FEWEST_NORMALS:
-            warnings.warn(
-                f"the shape shows only {basis.normal_coverage:.1%} of the normals of a sphere: a plane, a cube and the "
-                "like tell too little about a BRDF, do not trust the result; photograph a shape that is curved "
-                "both ways",
-                UserWarning,
-                stacklevel=2,
-            )
+        if basis.distrust is not None:
+            warnings.warn(basis.distrust, UserWarning, stacklevel=2)
         self.penalty = penalty
         self.solver = solver
         self.names, self.library, self.probe, self.view = basis.names, basis.library, basis.probe, basis.view

@@ -79,7 +79,7 @@ def observe(image: Tensor, circle: Circle, mask: Tensor | None = None, size: int
     """
     n = min(LARGEST_DEFAULT_SIZE, round(2 * circle.radius)) if size is None else size
     corner = circle.x - circle.radius, circle.y - circle.radius
-    return _averaged(image, mask, SphereView(n), corner, 2 * circle.radius / n)
+    return _averaged(image, mask, SphereView(n), corner, 2 * circle.radius / n, "ball")
 
 
 def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Observation:
@@ -93,11 +93,11 @@ def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Obser
             f"the photograph is {height} x {width} and the view {view.size[0]} x {view.size[1]}; "
             "crop it to what the camera of the view shows"
         )
-    return _averaged(image, mask, view, (0.0, 0.0), width / view.size[1])
+    return _averaged(image, mask, view, (0.0, 0.0), width / view.size[1], "shape")
 
 
 def _averaged(
-    image: Tensor, mask: Tensor | None, view: View, corner: tuple[float, float], step: float
+    image: Tensor, mask: Tensor | None, view: View, corner: tuple[float, float], step: float, what: str
 ) -> Observation:
     """The part of the image from a corner (x, y) on, with `step` pixels of it for each pixel of the view."""
     height, width = view.size
@@ -115,11 +115,11 @@ def _averaged(
         raise ValueError(f"NaN or infinite values in {unsound} of the {height} x {width} pixels; mask them out")
     if not used.any():
         raise ValueError(
-            f"no whole pixel of the shape is left at {height} x {width}: the mask is too small or full of holes"
+            f"no whole pixel of the {what} is left at {height} x {width}: the mask is too small or full of holes"
         )
     observed = torch.where(used, averaged(torch.where(usable & finite, image, 0)), 0).to(image.dtype)
     if not observed.any():
-        raise ValueError("the photographed shape is black: every usable pixel is 0")
+        raise ValueError(f"the {what} is black: every usable pixel is 0")
     return Observation(observed, used)
 
 

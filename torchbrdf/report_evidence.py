@@ -80,6 +80,7 @@ class Evidence:
     turned       (3, N, N)  the winner under the photograph's probe turned by TURN_DEG
     directional  angle -> (3, M, M)  the winner under directional lights, irradiance pi
     probes       the photograph's probe, the default one, the turned one
+    distrust     why the shape tells too little (`BasisImages.distrust`), or None
     """
 
     photograph: Tensor
@@ -92,6 +93,7 @@ class Evidence:
     turned: Tensor
     directional: dict[float, Tensor]
     probes: tuple[LightProbe, LightProbe, LightProbe]
+    distrust: str | None = None
 
     @property
     def winner(self) -> Candidate:
@@ -119,7 +121,7 @@ class Evidence:
     @property
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the result, a sentence or two each."""
-        found = []
+        found = [] if self.distrust is None else [f"{self.distrust[0].upper()}{self.distrust[1:]}."]
         if self.winner.error > LARGE_RESIDUAL:
             found.append(
                 f"The fit leaves {self.winner.error:.1%} of the photograph unexplained. The probe "
@@ -231,6 +233,7 @@ def gather(
             for angle in DIRECTIONAL_ANGLES
         },
         probes=(probe, default, turned),
+        distrust=basis.distrust,
     )
 
 

@@ -58,8 +58,9 @@ class MeshView(View):
             low, high = self.mesh.vertices.min(0), self.mesh.vertices.max(0)
             low, high, target = (np.round(corner, 4).tolist() for corner in (low, high, self.framing.target.numpy()))
             raise ValueError(
-                f"{path}: no pixel of the {size} x {size} image lies wholly on the mesh, which spans {low} to {high}; "
-                f"check the camera (it looks at {target}), or take more pixels"
+                f"{path}: no pixel of the {size} x {size} image lies wholly on the outside of the mesh, which spans "
+                f"{low} to {high}; check the camera (it looks at {target}) and that the mesh is not inside out, or take "
+                "more pixels"
             )
 
     def __repr__(self) -> str:
@@ -88,20 +89,17 @@ class MeshView(View):
         """
         steps = (torch.arange(self._fine) + 0.5) / self._fine
         v, u = torch.cartesian_prod(steps, steps).T
-        masks, parts, inward = [], [], 0
+        masks, parts = [], []
         for pixels in torch.arange(self._n**2).split(max(1, _RAYS // self._fine**2)):
             origins, directions = self._camera_rays(pixels, u.expand(len(pixels), -1), v.expand(len(pixels), -1))
             away = directions.flatten(1)
             found = self._tracer.hits(origins.flatten(1), away)
             cosine = -(found.normals * away).sum(0)
-            inward += int((cosine < 0).sum()) - int((cosine > 0).sum())
             covered = (cosine > 0).view(len(pixels), -1).all(-1)
             masks.append(covered)
             inside = covered.repeat_interleave(self._fine**2)
             facets = torch.where((found.facet_normals * away).sum(0) > 0, -found.facet_normals, found.facet_normals)
             parts.append([vectors[:, inside] for vectors in (found.normals, found.positions, facets)])
-        if inward > 0:
-            raise ValueError(f"the normals of {self.mesh} point inwards; flip its faces, or its normals if it has any")
         points = Hits(*(torch.cat(vectors, 1) for vectors in zip(*parts, strict=True)))
         return torch.cat(masks).view(1, self._n, self._n), points
 
