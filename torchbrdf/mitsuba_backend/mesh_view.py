@@ -59,8 +59,8 @@ class MeshView(View):
             low, high, target = (np.round(corner, 4).tolist() for corner in (low, high, self.framing.target.numpy()))
             raise ValueError(
                 f"{path}: no pixel of the {size} x {size} image lies wholly on the outside of the mesh, which spans "
-                f"{low} to {high}; check the camera (it looks at {target}) and that the mesh is not inside out, or take "
-                "more pixels"
+                f"{low} to {high}; check the camera (it looks at {target}), that the mesh is not inside out, "
+                "or take more pixels"
             )
 
     def __repr__(self) -> str:
