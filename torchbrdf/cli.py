@@ -10,6 +10,7 @@ from typing import NoReturn
 import torchbrdf
 from torchbrdf.commands import bake, classes, demo, doctor, export, fit, render, verify
 from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -121,7 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     shape(added)
     library(added)
     added.add_argument("--size", type=int, default=64, help="pixels along a side; default: 64")
-    added.add_argument("--samples", type=int, default=4096, help="samples a pixel; default: 4096")
+    added.add_argument("--samples", type=int, default=DEFAULT_SAMPLES, help="samples a pixel; default: %(default)s")
     added.add_argument("--seed", type=int, default=0, help="of the random numbers; default: 0")
     output(added, "basis images, .safetensors")
 

@@ -134,8 +134,7 @@ class SphereView(View):
         """Check the arguments and find the pixels that lie wholly inside the silhouette."""
         if size < 3:
             raise ValueError(f"a sphere needs an image of at least 3 x 3 pixels, got size={size}")
-        if fov_deg is not None and not 0 < fov_deg < 180:
-            raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {fov_deg}; None is orthographic")
+        check_fov(fov_deg)
         self.fov_deg = fov_deg
         self._n = int(size)
         edge = torch.linspace(-1, 1, self._n + 1, dtype=torch.float64).abs()
@@ -238,3 +237,9 @@ class NormalMapView(View):
         slopes = self._slopes.flatten(2).to(device)[:, :, pixels, None]
         normals = normalize(base + slopes[0] * (u - 0.5) + slopes[1] * (v - 0.5), dim=0)
         return SurfacePoints(normals, self._view_dirs.flatten(1).to(device)[:, pixels, None].expand_as(normals))
+
+
+def check_fov(fov_deg: float | None) -> None:
+    """Raise ValueError where a field of view is none; None is an orthographic camera."""
+    if fov_deg is not None and not 0 < fov_deg < 180:
+        raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {fov_deg}; None is orthographic")

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.view import check_fov
 
 Triple = Sequence[float]
 """Three numbers."""
@@ -41,8 +42,7 @@ class Camera:
                 if np.shape(vector) != (3,) or not np.isfinite(vector).all():
                     raise ValueError(f"the camera's {name} must be three finite numbers, got {vector}")
                 object.__setattr__(self, name, tuple(float(number) for number in vector))
-        if self.fov_deg is not None and not 0 < self.fov_deg < 180:
-            raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {self.fov_deg}; None is orthographic")
+        check_fov(self.fov_deg)
         if self.width is not None and not 0 < self.width < float("inf"):
             raise ValueError(f"the width that a camera shows must be positive, got {self.width}")
         lengths = np.linalg.norm(self.toward) * np.linalg.norm(self.up)

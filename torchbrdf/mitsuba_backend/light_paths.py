@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.mitsuba_backend.merl_bsdf import (
+    HALF_VECTOR_FRACTION,
     Array,
     cell_coordinates,
     cell_index,
@@ -27,9 +28,6 @@ from torchbrdf.view import View
 
 N_NUMBERS = 7
 """Random numbers that a path needs: two for the pixel, two for the light, three for the BSDF."""
-
-_FRACTION = 0.5
-"""Of the BSDF's directions, how many follow half vectors."""
 
 
 class LightPaths:
@@ -79,7 +77,7 @@ class LightPaths:
         environment = self._scene.environment()
 
         by_light, _ = environment.sample_direction(point, mi.Point2f(*values[6:8]))
-        local = sample_direction(mi, point.wi, values[8], mi.Point2f(*values[9:11]), _FRACTION)
+        local = sample_direction(mi, point.wi, values[8], mi.Point2f(*values[9:11]), HALF_VECTOR_FRACTION)
         found = []
         for w_i in (by_light.d, frame.to_world(local)):
             wo = frame.to_local(w_i)
@@ -87,7 +85,7 @@ class LightPaths:
             toward.d = w_i
             beyond = dr.zeros(mi.SurfaceInteraction3f)
             beyond.wi = -w_i
-            density = environment.pdf_direction(point, toward) + direction_pdf(point.wi, wo, _FRACTION)
+            density = environment.pdf_direction(point, toward) + direction_pdf(point.wi, wo, HALF_VECTOR_FRACTION)
             seen = (point.wi.z > 0) & (wo.z > 0) & (density > 0)
             weight = dr.select(seen, environment.eval(beyond) * (wo.z / density), 0)
             cell = cell_index(mi, *cell_coordinates(point.wi, wo))

@@ -28,6 +28,9 @@ from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
 # Arrays, vectors, interactions and samples of Mitsuba have other types in each of its variants.
 Array = Any
 
+HALF_VECTOR_FRACTION = 0.5
+"""Of the sampled directions, how many follow half vectors unless a scene says otherwise."""
+
 _TINY = 1e-12
 
 
@@ -61,14 +64,17 @@ def cell_coordinates(wi: Array, wo: Array) -> tuple[Array, Array, Array]:
 
     s, d = wi + wo, wo - wi
     length = dr.norm(s)
-    theta_h = dr.atan2(dr.norm(_across(s)), s.z)
+    theta_h = dr.atan2(_across(s), s.z)
     theta_d = dr.atan2(dr.norm(d), length)
     phi_d = dr.atan2((s.x * d.y - s.y * d.x) * length, -d.z * dr.squared_norm(s))
     return dr.sqrt(dr.maximum(theta_h, 0) * (2 / pi)) * GRID[0], theta_d * (GRID[1] * 2 / pi), phi_d * (GRID[2] / pi)
 
 
 def _across(s: Array) -> Array:
-    return load_mitsuba().Vector2f(s.x, s.y)
+    """Length of the part of a local vector that is normal to +Z."""
+    import drjit as dr
+
+    return dr.sqrt(dr.fma(s.x, s.x, s.y * s.y))
 
 
 def cell_index(mi: ModuleType, h: Array, d: Array, p: Array) -> Array:
@@ -103,7 +109,7 @@ def direction_pdf(wi: Array, wo: Array, fraction: float) -> Array:
     import drjit as dr
 
     s = wi + wo
-    sin_s = dr.norm(_across(s))
+    sin_s = _across(s)
     u = dr.sqrt(dr.maximum(dr.atan2(sin_s, s.z), 0) * (2 / pi))
     by_half_vector = 1 / dr.maximum(4 * pi * pi * u * sin_s, _TINY)  # |s| = 2 cos(theta_d), sin_s = |s| sin(theta_h)
     return fraction * by_half_vector + (1 - fraction) * wo.z * (1 / pi)
@@ -122,7 +128,7 @@ def _register(variant: str) -> None:
             self.interpolation = str(props.get("interpolation", "nearest"))
             if self.interpolation not in ("nearest", "linear"):
                 raise ValueError(f'merl: interpolation must be "nearest" or "linear", got {self.interpolation!r}')
-            self.fraction = float(props.get("half_vector_fraction", 0.5))
+            self.fraction = float(props.get("half_vector_fraction", HALF_VECTOR_FRACTION))
             if not 0 <= self.fraction < 1:
                 raise ValueError(f"merl: half_vector_fraction must be in [0, 1), got {self.fraction}")
             self.values = _values(mi, props)
@@ -134,8 +140,7 @@ def _register(variant: str) -> None:
             callback.put("values", self.values, mi.ParamFlags.Differentiable)
 
         def parameters_changed(self, keys: Sequence[str] = ()) -> None:
-            if self.values.shape != (*GRID, 3):
-                raise ValueError(f"merl: values must be {(*GRID, 3)}, got {tuple(self.values.shape)}")
+            _check_shape(self.values)
 
         def _look_up(self, wi: Array, wo: Array, active: Array) -> Array:
             h, d, p = cell_coordinates(wi, wo)
@@ -192,10 +197,14 @@ def _values(mi: ModuleType, props: Array) -> Array:
     """The table that the properties name, as a tensor of the variant set."""
     if "values" in props and "filename" not in props:
         values = props["values"]
-        if tuple(values.shape) != (*GRID, 3):
-            raise ValueError(f"merl: values must be {(*GRID, 3)}, got {tuple(values.shape)}")
+        _check_shape(values)
         return values
     if ("filename" in props) == ("values" in props):
         raise ValueError('merl: give either "filename", a MERL .binary file, or "values", a tensor (90, 90, 180, 3)')
     path = mi.file_resolver().resolve(props["filename"])
     return mi.TensorXf(table_values(MerlTable.open(str(path))))
+
+
+def _check_shape(values: Array) -> None:
+    if tuple(values.shape) != (*GRID, 3):
+        raise ValueError(f"merl: values must be {(*GRID, 3)}, got {tuple(values.shape)}")
