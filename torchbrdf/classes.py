@@ -165,6 +165,7 @@ class MaterialClasses(nn.Module):
     mixing (K,), means (K, N), covariances (K, N, N)  the mixture, in the coordinates U~^T B
     responsibilities  (n, K)  gamma_j(b_i), eq. 13
     labels            (n,)    the class of largest responsibility
+    norms             (n,)    |b_i|, of every basis BRDF
 
     `MaterialClasses.fit` makes them; `single` puts all basis BRDFs into one class.
     """
@@ -174,9 +175,10 @@ class MaterialClasses(nn.Module):
     covariances: Tensor
     responsibilities: Tensor
     labels: Tensor
+    norms: Tensor
 
-    def __init__(self, mixture: Mixture, names: Sequence[str], library: str) -> None:
-        """Keep a mixture whose points are the columns of the library with this fingerprint."""
+    def __init__(self, mixture: Mixture, names: Sequence[str], library: str, norms: Tensor | None = None) -> None:
+        """Keep a mixture whose points are the columns of the library with this fingerprint; norms None: all alike."""
         super().__init__()
         self.names = tuple(names)
         self.library = library
@@ -185,6 +187,7 @@ class MaterialClasses(nn.Module):
         for buffer in ("mixing", "means", "covariances", "responsibilities"):
             self.register_buffer(buffer, getattr(mixture, buffer))
         self.register_buffer("labels", mixture.responsibilities.argmax(1))
+        self.register_buffer("norms", torch.ones_like(mixture.responsibilities[:, 0]) if norms is None else norms)
 
     @classmethod
     def fit(
@@ -211,7 +214,7 @@ class MaterialClasses(nn.Module):
                 UserWarning,
                 stacklevel=2,
             )
-        return cls(mixture, library.names, library.source)
+        return cls(mixture, library.names, library.source, library.gram.diagonal().clamp_min(0).sqrt())
 
     @classmethod
     def single(cls, library: MaterialLibrary) -> "MaterialClasses":

@@ -1,7 +1,8 @@
-"""From a photograph to weights: one solve per class, the best class wins [CBP21, sec. VI]."""
+"""From photographs to weights: every class and more priors, and what the photographs say about them [CBP21, sec. VI]."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import torch
@@ -9,60 +10,109 @@ from torch import Tensor, nn
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
-from torchbrdf.packing import pack, unpack
+from torchbrdf.constraints import CONSTRAINTS, Constraint, constrain
+from torchbrdf.energy_bounds import EnergyBounds
+from torchbrdf.image_space import ImageSpace
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.observation import check_observation
+from torchbrdf.packing import Frames
+from torchbrdf.posterior import PosteriorBatch
+from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 
 PAPER_PENALTY = 0.5
 """lambda of [CBP21, eq. 25]."""
 
-DEFAULT_PENALTY: Literal["paper"] | float = 0.0005
-"""lambda of the estimator and the command line: the best fixed one for the four classes in docs/leave_one_out.md."""
+Penalty = Literal["auto", "paper"] | float
+DEFAULT_PENALTY: Penalty = "auto"
 
 Solver = Literal["factored", "lstsq"]
+
+OUTLIER = 8.0
+"""With `robust`, pixels whose residual is above this many robust standard deviations are left out."""
+
+_ROUNDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Of B photographs: weights (B, n, 3) and class candidates (B, K, n, 3); fitted (B, 1 + K, 3, P) shows them.
+
+    probabilities (B, K); optimality (B, 3) of a constraint; evidence: what a posterior is made from
+    """
+
+    weights: Tensor
+    class_weights: Tensor
+    fitted: Tensor
+    probabilities: Tensor
+    optimality: Tensor | None = None
+    evidence: tuple[Explanation, Tensor, int] | None = None
 
 
 class BRDFEstimator(nn.Module):
     """The BRDF of a photographed shape as a combination of basis BRDFs.
 
-    basis    Y, the basis images under the light and from the view of the photograph
-    classes  the material classes of the same library
-    penalty  "paper" for lambda = 0.5, or lambda >= 0 itself [CBP21, eq. 25]
-    solver   "factored": singular values and vectors of every class's basis images, computed at the first
-             photograph and used for all; "lstsq": `torch.linalg.lstsq` on the augmented system, every time
+    basis       Y, the basis images under the light and from the view of the photograph; a sequence of them for several
+                photographs of one material (other probes, other views, or one of them again for another exposure)
+    classes     the material classes of the same library
+    penalty     "auto": lambda and prior by their evidence, see `prior_bank`; "paper" for lambda = 0.5, or lambda >= 0
+                itself [CBP21, eq. 25]
+    solver      for a fixed penalty. "factored": singular values and vectors of every class's basis images, computed at
+                the first photograph and used for all; "lstsq": `torch.linalg.lstsq` on the augmented system, every time
+    constraint  None, "nonnegative", "convex" or "energy", see `constraints`
+    library     the material library, for "energy" only
+    robust      leave out pixels that do not fit, such as saturated and dead ones
 
-    For each class and colour channel it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 (eq. 26 with Sigma' =
-    identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19). Gradients flow
-    to the photograph. The arithmetic is float64. Warns where the shape shows too few normals (a plane, a cube).
+    With a fixed penalty it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 for each class and colour channel (eq. 26 with
+    Sigma' = identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19). Gradients
+    flow to the photograph. Warns where the shape shows too few normals (a plane, a cube).
     """
 
     packed: Tensor
-    mask: Tensor
 
     def __init__(
         self,
-        basis: BasisImages,
+        basis: BasisImages | Sequence[BasisImages],
         classes: MaterialClasses,
-        penalty: Literal["paper"] | float = DEFAULT_PENALTY,
+        penalty: Penalty = DEFAULT_PENALTY,
         solver: Solver = "factored",
+        constraint: Constraint | None = None,
+        library: MaterialLibrary | None = None,
+        robust: bool = False,
     ) -> None:
         """Check that basis and classes belong together."""
         super().__init__()
-        if (basis.library, basis.names) != (classes.library, classes.names):
-            raise ValueError("basis images and classes come from different libraries; make both from the same one")
-        if penalty != "paper" and not (isinstance(penalty, int | float) and 0 <= penalty < float("inf")):
-            raise ValueError(f'penalty must be "paper" or a number >= 0, got {penalty!r}')
+        bases = (basis,) if isinstance(basis, BasisImages) else tuple(basis)
+        if not bases:
+            raise ValueError("basis is an empty sequence; give the basis images of each photograph")
+        for one in bases:
+            if (one.library, one.names) != (classes.library, classes.names):
+                raise ValueError("basis images and classes come from different libraries; make both from the same one")
+            if one.distrust is not None:
+                warnings.warn(one.distrust, UserWarning, stacklevel=2)
+        if penalty not in ("auto", "paper") and not (isinstance(penalty, int | float) and 0 <= penalty < float("inf")):
+            raise ValueError(f'penalty must be "auto", "paper" or a number >= 0, got {penalty!r}')
         if solver not in ("factored", "lstsq"):
             raise ValueError(f'solver must be "factored" or "lstsq", got {solver!r}')
-        if basis.distrust is not None:
-            warnings.warn(basis.distrust, UserWarning, stacklevel=2)
-        self.penalty = penalty
-        self.solver = solver
-        self.names, self.library, self.probe, self.view = basis.names, basis.library, basis.probe, basis.view
+        if constraint is not None and constraint not in CONSTRAINTS:
+            raise ValueError(f"constraint must be None or one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
+        if constraint == "energy" and (library is None or (library.source, library.names) != (classes.library, classes.names)):
+            raise ValueError('constraint "energy" needs the library of the basis images: library=...')
+        if solver == "lstsq" and (penalty == "auto" or constraint is not None):
+            raise ValueError('solver "lstsq" is for a fixed penalty without constraint; leave it out')
+        self.penalty, self.solver, self.constraint, self.robust = penalty, solver, constraint, robust
+        self.names, self.library = bases[0].names, bases[0].library
+        self.probe, self.view = (" ".join(getattr(one, key) for one in bases) for key in ("probe", "view"))
+        self.several = not isinstance(basis, BasisImages)
         self.classes = classes
-        self.register_buffer("packed", basis.packed)
-        self.register_buffer("mask", basis.mask)
+        self.register_buffer("packed", bases[0].packed if len(bases) == 1 else torch.cat([b.packed for b in bases], -1))
+        for i, one in enumerate(bases):
+            self.register_buffer(f"mask_{i}", one.mask)
+        self._bounds = EnergyBounds.of(library) if constraint == "energy" and library is not None else None
         self._factors: list[GramFactor] | None = None
+        self._bank: PriorBank | None = None
+        self._masked_bank: tuple[Tensor, PriorBank] | None = None
         self.register_load_state_dict_pre_hook(_check_state)
         self.register_load_state_dict_post_hook(_forget_factors)
 
@@ -77,93 +127,168 @@ class BRDFEstimator(nn.Module):
     def extra_repr(self) -> str:
         """Settings and sizes, for `repr`."""
         n, _, p = self.packed.shape
-        return f"penalty={self.penalty!r}, solver={self.solver!r}, n={n}, pixels={p}"
+        settings = f"penalty={self.penalty!r}, solver={self.solver!r}, constraint={self.constraint!r}"
+        return f"{settings}, robust={self.robust}, n={n}, pixels={p}"
 
-    def forward(self, image: Tensor, mask: Tensor | None = None) -> Reconstruction:
+    @property
+    def frames(self) -> Frames:
+        """Where the pixels of each photograph lie."""
+        masks = (buffer for name, buffer in self.named_buffers(recurse=False) if name.startswith("mask_"))
+        return Frames(tuple(masks))
+
+    @property
+    def bank(self) -> PriorBank:
+        """The factored priors of the whole view, made at first use and once a device."""
+        if self._bank is None or self._bank.variances.device != self.packed.device:
+            space = ImageSpace.of(self.packed, self.frames.sizes)
+            membership = torch.stack([self.classes.labels == j for j in range(self.classes.n_classes)])
+            device = self.packed.device
+            variances = prior_variances(membership.to(device), self.classes.norms.to(device), space)
+            self._bank, self._masked_bank = PriorBank.of(space, variances), None
+        return self._bank
+
+    def forward(
+        self, image: Tensor | Sequence[Tensor], mask: Tensor | Sequence[Tensor | None] | None = None
+    ) -> Reconstruction:
         """Reconstruct the material of photographs.
 
-        image    (*batch, 3, H, W)  linear radiance, float32 or float64, the size of the basis images
-        mask     (*batch, 1, H, W) or (1, H, W)  bool, True = use; None for all pixels of the basis images
+        image    (*batch, 3, H, W)  linear radiance, float32 or float64, the size of the basis images; for several
+                 photographs of one material a sequence of these with the same batch axes, one for each basis
+        mask     (*batch, 1, H, W) or (1, H, W)  bool, True = use; None for all pixels of the basis images; a sequence
+                 of these for several photographs
         returns  a Reconstruction with the same batch axes; weights and image in the precision of `image`
         Raises ValueError where sizes differ, a used pixel is not finite, all are zero, or none is left.
         """
-        y, used, batch = self._observation(image, mask)
-        weights = y.new_zeros(len(y), self.classes.n_classes, self.packed.shape[0], 3)
+        frames = self.frames
+        y, used, batch = check_observation(image, mask, frames, self.several)
+        if self.robust:
+            used = self._without_outliers(y, used)
         masks, group = torch.unique(used, dim=0, return_inverse=True)
-        for k in range(len(masks)):
-            photographs = torch.nonzero(group == k).ravel()
-            weights = weights.index_copy(0, photographs, self._solve(y[photographs], masks[k]))
-        fitted = torch.einsum("bkns,nsp->bksp", weights, self.packed.double())
-        residual = torch.where(used[:, None, None], fitted - y[:, None], 0)
-        errors = residual.square().sum((-2, -1))
-        best = errors.argmin(1)
-        chosen = fitted[torch.arange(len(y), device=y.device), best]
+        rows = [torch.nonzero(group == k).ravel() for k in range(len(masks))]
+        groups = [self._solve(y[rows[k]], masks[k]) for k in range(len(masks))]
+        if not groups:  # an empty batch
+            groups, rows = [self._solve(y, torch.ones_like(used[0]) if len(used) else torch.ones(y.shape[-1], dtype=torch.bool))], [group]
+        order = torch.argsort(torch.cat(rows))
+
+        def gathered(name: str) -> Tensor:
+            parts = torch.cat([getattr(one, name) for one in groups])
+            return parts if len(groups) == 1 else parts[order]
+
+        fitted = gathered("fitted")
+        errors = torch.where(used[:, None, None], fitted - y[:, None], 0).double().square().sum((-2, -1))
+        probabilities = gathered("probabilities")
 
         def shaped(values: Tensor) -> Tensor:
-            values = values.to(image.dtype) if values.is_floating_point() else values
+            values = values.to(y.dtype) if values.is_floating_point() else values
             return values.reshape((*batch, *values.shape[1:]))
 
+        images = tuple(shaped(one) for one in frames.unpack(fitted[:, 0]))
+        evidence = tuple(one.evidence for one in groups if one.evidence is not None)
+        where = torch.stack([group, _rank_within(group, rows)], -1).reshape(*batch, 2)
         return Reconstruction(
-            class_weights=shaped(weights),
-            class_errors=shaped(errors),
-            class_index=shaped(best),
-            energy=shaped(torch.where(used[:, None], y, 0).square().sum((-2, -1))),
-            image=shaped(unpack(chosen, self.mask)),
+            weights=shaped(gathered("weights")),
+            class_weights=shaped(gathered("class_weights")),
+            class_errors=shaped(errors[:, 1:]),
+            class_probabilities=shaped(probabilities),
+            class_index=shaped(probabilities.argmax(1)),
+            error=shaped(errors[:, 0]),
+            energy=shaped(torch.where(used[:, None], y, 0).double().square().sum((-2, -1))),
+            image=images if self.several else images[0],
             names=self.names,
             library=self.library,
+            posteriors=PosteriorBatch(evidence, where) if evidence else None,
+            optimality=None if self.constraint is None else shaped(gathered("optimality")),
         )
 
-    def _observation(self, image: Tensor, mask: Tensor | None) -> tuple[Tensor, Tensor, torch.Size]:
-        """y (B, 3, P) float64, which of its pixels to use (B, P) bool, and the batch axes; checks them."""
-        size = self.mask.shape[-2:]
-        if image.ndim < 3 or image.shape[-3] != 3 or image.shape[-2:] != size:
-            raise ValueError(
-                f"image must be (*batch, 3, {size[0]}, {size[1]}) like the basis images, got {tuple(image.shape)}"
-            )
-        if image.dtype not in (torch.float32, torch.float64):
-            raise ValueError(f"image must be float32 or float64 linear radiance, got {image.dtype}")
-        batch = image.shape[:-3]
-        y = pack(image.reshape(-1, 3, *size), self.mask).double()
-        if mask is None:
-            used = torch.ones_like(y[:, 0], dtype=torch.bool)
-        elif mask.dtype == torch.bool and mask.shape in ((1, *size), (*batch, 1, *size)):
-            used = pack(mask.reshape(-1, *size).to(image.device), self.mask).expand(len(y), -1)
-        else:
-            raise ValueError(
-                f"mask must be bool {(1, *size)} or {(*batch, 1, *size)}, got {mask.dtype} {tuple(mask.shape)}"
-            )
-        unsound = int((~torch.isfinite(y).all(1) & used).sum())
-        if unsound:
-            raise ValueError(f"image holds {unsound} NaN or infinite pixels under the mask; mask them out")
-        empty = torch.nonzero(~used.any(1)).ravel().tolist()
-        if empty:
-            raise ValueError(f"mask leaves no pixel of the view to use in photograph {empty[0]} of {len(y)}")
-        y = torch.where(used[:, None], y, 0)
-        black = torch.nonzero(~(y.detach() != 0).any(-1).any(-1)).ravel().tolist()
-        if black:
-            raise ValueError(f"photograph {black[0]} of {len(y)} is black: every pixel under the mask is 0")
-        return y, used, batch
+    def _without_outliers(self, y: Tensor, used: Tensor) -> Tensor:
+        """Leave out pixels whose residual no other explains, until they stay the same."""
+        kept = used
+        with torch.no_grad():
+            scale = self.bank.space.scale.to(y.dtype)
+            scale = torch.where(scale > 0, scale, 1)
+            for _ in range(_ROUNDS):
+                found = []
+                for b in range(len(y)):
+                    fitted = self._solve(y[b : b + 1], kept[b]).fitted[0, 0]
+                    residual = ((fitted - y[b]) / scale).abs().amax(0)
+                    spread = residual[kept[b]].median() / 0.6745
+                    found.append(used[b] & (residual <= OUTLIER * spread))
+                new = torch.stack(found)
+                if torch.equal(new, kept):
+                    break
+                kept = new
+        return kept
 
-    def _solve(self, y: Tensor, used: Tensor) -> Tensor:
-        """Weights (B, K, n, 3) of photographs y (B, 3, P) that share the pixels used (P,)."""
+    def _solve(self, y: Tensor, used: Tensor) -> _Solution:
+        """Photographs y (B, 3, P) that share the pixels used (P,)."""
+        return self._average(y, used) if self.penalty == "auto" else self._choose(y.double(), used)
+
+    def _average(self, y: Tensor, used: Tensor) -> _Solution:
+        """Posterior mean over all priors and penalties."""
+        bank = self._bank_of(used)
+        found = bank.explain(y if bool(used.all()) else y[..., used])
+        evidence = found.log_evidence
+        shares = torch.softmax(evidence.flatten(1), 1).reshape(evidence.shape)
+        weights = found.components(shares).sum(1)
+        k = self.classes.n_classes
+        class_weights = found.components(torch.softmax(evidence[:, :k], -1))
+        optimality = None
+        if self.constraint is not None:
+            closest = constrain(weights, found.precision(shares), self.constraint, self._bounds)
+            weights, optimality = closest.weights, closest.optimality
+        shown = torch.cat([weights[:, None], class_weights], 1)
+        return _Solution(
+            weights=weights.mT,
+            class_weights=class_weights.mT,
+            fitted=self.bank.space.render(shown, y.dtype),
+            probabilities=torch.softmax(torch.logsumexp(evidence[:, :k], -1), -1),
+            optimality=optimality,
+            evidence=(found.detach(), shares.detach(), int(used.sum())),
+        )
+
+    def _bank_of(self, used: Tensor) -> PriorBank:
+        """The priors in the space of the pixels used; the last mask is remembered."""
+        whole = self.bank
+        if bool(used.all()):
+            return whole
+        if self._masked_bank is None or not torch.equal(self._masked_bank[0], used):
+            self._masked_bank = used, whole.masked(used)
+        return self._masked_bank[1]
+
+    def _choose(self, y: Tensor, used: Tensor) -> _Solution:
+        """One solve per class with a fixed penalty; the best class wins [CBP21, eqs. 19, 26]."""
         whole = bool(used.all())
         basis = self.packed if whole else self.packed[..., used]
-        y = y[..., used]
-        energy = y.square().sum(-1)
+        seen = y[..., used]
+        energy = seen.square().sum(-1)
         factors = self._class_factors(basis, cached=whole) if self.solver == "factored" else None
-        weights = y.new_zeros(len(y), self.classes.n_classes, self.packed.shape[0], 3)
+        class_weights = y.new_zeros(len(y), self.classes.n_classes, self.packed.shape[0], 3)
+        optimality = y.new_zeros(len(y), self.classes.n_classes, 3)
         penalty = PAPER_PENALTY if self.penalty == "paper" else float(self.penalty)
         for j in range(self.classes.n_classes):
             members = self.classes.members(j)
             prior = prior_mean(len(members), like=y)
             strength = balance(penalty, energy, len(members))
             if factors is None:
-                solution = ridge_lstsq(basis[members], y, prior, strength)
+                solution = ridge_lstsq(basis[members], seen, prior, strength)
             else:
-                projection = torch.einsum("nsp,bsp->bsn", basis[members].double(), y)
+                projection = torch.einsum("nsp,bsp->bsn", basis[members].double(), seen)
                 solution = ridge(factors[j], projection, prior, strength)
-            weights[:, j, members] = solution.mT
-        return weights
+                if self.constraint is not None:
+                    bounds = None if self._bounds is None else self._bounds.select(members)
+                    closest = constrain(solution, factors[j].precision(strength), self.constraint, bounds)
+                    solution, optimality[:, j] = closest.weights, closest.optimality
+            class_weights[:, j, members] = solution.mT
+        fitted = torch.einsum("bkns,nsp->bksp", class_weights, self.packed.double())
+        errors = torch.where(used, fitted - y[:, None], 0).square().sum((-2, -1))
+        best, row = errors.argmin(1), torch.arange(len(y), device=y.device)
+        return _Solution(
+            weights=class_weights[row, best],
+            class_weights=class_weights,
+            fitted=torch.cat([fitted[row, best][:, None], fitted], 1),
+            probabilities=torch.nn.functional.one_hot(best, self.classes.n_classes).to(y.dtype),
+            optimality=optimality[row, best],
+        )
 
     def _class_factors(self, basis: Tensor, cached: bool) -> list[GramFactor]:
         """The factors of all classes; those of the unmasked basis are made once a device."""
@@ -172,6 +297,14 @@ class BRDFEstimator(nn.Module):
         if self._factors is None or self._factors[0].values.device != basis.device:
             self._factors = self._class_factors(basis, cached=False)
         return self._factors
+
+
+def _rank_within(group: Tensor, rows: Sequence[Tensor]) -> Tensor:
+    """(B,) int64: the place of each photograph among those of its group."""
+    rank = torch.empty_like(group)
+    for members in rows:
+        rank[members] = torch.arange(len(members), device=group.device)
+    return rank
 
 
 def _check_state(module: BRDFEstimator, state: Mapping[str, Any], prefix: str, *_: object) -> None:
@@ -183,4 +316,4 @@ def _check_state(module: BRDFEstimator, state: Mapping[str, Any], prefix: str, *
 
 def _forget_factors(module: BRDFEstimator, _: object) -> None:
     """The factors of the basis images that a state_dict has just replaced are stale."""
-    module._factors = None
+    module._factors = module._bank = module._masked_bank = None

@@ -1,5 +1,8 @@
 """Images packed over the pixels of a mask, row by row, and back."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -18,3 +21,27 @@ def unpack(packed: Tensor, mask: Tensor) -> Tensor:
     """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
     image = packed.new_zeros(*packed.shape[:-1], mask.numel())
     return image.index_copy(-1, masked_pixels(mask).to(packed.device), packed).unflatten(-1, mask.shape[-2:])
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Where the pixels of one or several photographs lie when they are packed one behind the other.
+
+    masks  one (1, H, W) bool for each photograph
+    """
+
+    masks: tuple[Tensor, ...]
+
+    @property
+    def sizes(self) -> list[int]:
+        """The number of packed pixels of each."""
+        return [int(mask.sum()) for mask in self.masks]
+
+    def pack(self, images: Sequence[Tensor]) -> Tensor:
+        """(*batch, C, H, W) of each photograph -> (*batch, C, P)."""
+        return torch.cat([pack(image, mask) for image, mask in zip(images, self.masks, strict=True)], dim=-1)
+
+    def unpack(self, packed: Tensor) -> tuple[Tensor, ...]:
+        """The inverse of `pack`, 0 outside the masks."""
+        parts = packed.split(self.sizes, dim=-1)
+        return tuple(unpack(part, mask) for part, mask in zip(parts, self.masks, strict=True))

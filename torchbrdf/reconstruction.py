@@ -5,43 +5,52 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from torchbrdf.basis_images import BasisImages
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
+from torchbrdf.posterior import Posterior, PosteriorBatch
 
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """Reconstructions of a batch of photographs; every tensor starts with the batch axes.
 
+    weights        (*batch, n, 3)     rho = B w, one column a colour channel [CBP21, eq. 1]
     class_weights  (*batch, K, n, 3)  the candidate of every class, 0 for basis BRDFs of other classes
     class_errors   (*batch, K)        |Y w - y|^2 of every candidate over the pixels used [CBP21, eq. 19]
-    class_index    (*batch)           int64, the class that was chosen
+    class_probabilities (*batch, K)   of the classes, given that the material is of one of them; with a fixed penalty,
+                                      which has no probabilities, 1 for the class that was chosen
+    class_index    (*batch)           int64, the most probable class
+    error          (*batch)           |Y w - y|^2 of the weights
     energy         (*batch)           |y|^2 over the pixels used
-    image          (*batch, 3, H, W)  Y w: the photograph as the chosen candidate explains it
+    image          (*batch, 3, H, W)  Y w: the photograph as the weights explain it; a tuple of them for several
+                                      photographs of one material
     names          the materials behind the n = 3 len(names) weights
     library        fingerprint of their columns
+    posteriors     what the photographs leave open, see `posterior`; None with a fixed penalty
+    optimality     (*batch, 3)        residual of the constrained solve; None without a constraint
+
+    With a fixed penalty the weights are those of the chosen class; with penalty="auto" they are the posterior mean over
+    classes, the whole library and neighbourhoods in it.
     """
 
+    weights: Tensor
     class_weights: Tensor
     class_errors: Tensor
+    class_probabilities: Tensor
     class_index: Tensor
+    error: Tensor
     energy: Tensor
-    image: Tensor
+    image: Tensor | tuple[Tensor, ...]
     names: tuple[str, ...]
     library: str
-
-    @property
-    def weights(self) -> Tensor:
-        """(*batch, n, 3): rho = B w, one column a colour channel [CBP21, eq. 1]."""
-        shape = (*self.class_index.shape, 1, *self.class_weights.shape[-2:])
-        index = self.class_index[..., None, None, None].expand(shape)
-        return self.class_weights.gather(-3, index).squeeze(-3)
+    posteriors: PosteriorBatch | None = None
+    optimality: Tensor | None = None
 
     @property
     def relative_error(self) -> Tensor:
-        """(*batch): |Y w - y| / |y| of the chosen candidate. Small does not mean right: see `class_errors`."""
-        chosen = self.class_errors.gather(-1, self.class_index[..., None])[..., 0]
-        return torch.sqrt(chosen / self.energy)
+        """(*batch): |Y w - y| / |y|. Small does not mean right: see `class_errors`, `posterior`."""
+        return torch.sqrt(self.error / self.energy)
 
     def __len__(self) -> int:
         """The size of the first batch axis."""
@@ -53,8 +62,15 @@ class Reconstruction:
         """One reconstruction of a batch."""
         if self.class_index.ndim == 0:
             raise IndexError("this is a single reconstruction; it has no batch axis to index")
-        tensors = ("class_weights", "class_errors", "class_index", "energy", "image")
-        return replace(self, **{name: getattr(self, name)[i] for name in tensors})
+        tensors = ("weights", "class_weights", "class_errors", "class_probabilities", "class_index", "error", "energy")
+        image = tuple(one[i] for one in self.image) if isinstance(self.image, tuple) else self.image[i]
+        return replace(
+            self,
+            **{name: getattr(self, name)[i] for name in tensors},
+            image=image,
+            posteriors=None if self.posteriors is None else self.posteriors[i],
+            optimality=None if self.optimality is None else self.optimality[i],
+        )
 
     def candidate(self, j: int, library: MaterialLibrary) -> MerlTable:
         """The BRDF that class j would give; see `brdf`."""
@@ -66,14 +82,40 @@ class Reconstruction:
 
         Raises ValueError for a batch (pick one with result[i]) or another library than that of the basis images.
         """
-        return self.candidate(int(self._check(library).class_index), library)
+        self._check(library)
+        return library.combine(self.weights, "reconstruction")
 
-    def _check(self, library: MaterialLibrary) -> "Reconstruction":
+    def image_std(self, basis: BasisImages) -> Tensor:
+        """(3, H, W): standard deviation of every pixel of the material rendered with basis images of any probe."""
+        if (basis.library, basis.names) != (self.library, self.names):
+            raise ValueError("these basis images show another library than those of the photograph")
+        return basis.unpack(self.posterior.variance(basis.packed.permute(1, 2, 0)).sqrt())
+
+    def brdf_std(self, library: MaterialLibrary) -> Tensor:
+        """(90, 90, 180, 3): standard deviation of f_r in every cell of `brdf`, in 1/sr."""
+        self._check(library)
+        posterior = self.posterior
+        return library.map_rows(lambda rows: posterior.variance(rows).sqrt().T)
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior of the weights, of a single reconstruction.
+
+        Raises ValueError for a batch, and with a fixed penalty, which has none.
+        """
+        self._single("posterior")
+        if self.posteriors is None:
+            raise ValueError('a fixed penalty has no posterior; make the estimator with penalty="auto"')
+        return self.posteriors.single
+
+    def _single(self, what: str) -> None:
         if self.class_index.ndim:
             raise ValueError(
-                f"brdf needs a single reconstruction, this holds a batch {tuple(self.class_index.shape)}; "
+                f"{what} needs a single reconstruction, this holds a batch {tuple(self.class_index.shape)}; "
                 "pick one: result[i]"
             )
+
+    def _check(self, library: MaterialLibrary) -> None:
+        self._single("brdf")
         if (library.source, library.names) != (self.library, self.names):
             raise ValueError("this library is not the one that the basis images were rendered with")
-        return self

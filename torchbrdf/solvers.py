@@ -44,6 +44,10 @@ class GramFactor:
         values[..., : singular.shape[-1]] = singular.square()
         return cls(values, v.mT)
 
+    def precision(self, strength: Tensor) -> Tensor:
+        """Y^T Y + strength I (*batch, 3, c, c): strength (*batch, 3)."""
+        return (self.vectors * (self.values + strength[..., None])[..., None, :]) @ self.vectors.mT
+
 
 def ridge(factor: GramFactor, projection: Tensor, prior: Tensor, strength: Tensor) -> Tensor:
     """Weights that minimise |Y w - y|^2 + strength |w - prior|^2 [CBP21, eq. 26, with Sigma' = identity].

@@ -1,0 +1,173 @@
+"""Priors of the weights, and how well each explains a photograph.
+
+A prior says w ~ N(a mu, tau^2 diag(S)): materials look like a scaled mean, and deviate by some basis BRDFs more than
+by others. [CBP21] has one for each class; here are the classes, the whole library, and neighbourhoods of materials
+that look alike under this light: a mixture of Gaussians over the manifold of materials. Each has a grid of penalties
+lambda = sigma^2 / tau^2, and all are averaged by their evidence [Mac92], so nothing is tuned by hand, and nothing is
+chosen that the photograph does not tell apart.
+
+Shapes: M priors, L penalties, n basis BRDFs, r coordinates of the image space, B photographs.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchbrdf.image_space import ImageSpace
+
+PENALTIES = torch.logspace(-9, 1, 28, dtype=torch.float64)
+"""lambda of every prior, in units of trace(R S R^T) / n."""
+
+CORRELATION = 8.0
+"""Neighbouring residuals are not independent: this many pixels say as much as one. Chosen in docs/ablation.md."""
+
+NOISE_FLOOR = 0.006
+"""Basis images and photographs are wrong by at least this share, however well they agree."""
+
+POWERS = (0.0, 0.25, 0.5)
+"""The whole library: S = |b_i|^(-2 p), so that BRDFs with high peaks may deviate less."""
+
+NEIGHBOURHOODS = 10
+"""Neighbourhoods at most: those around materials that are farthest from all before."""
+
+REACH = 0.25
+"""Radians between weighted basis images over which a neighbourhood fades."""
+
+_LOCAL_POWER = 0.25
+_SMALLEST_VARIANCE = 1e-6
+"""Of a basis BRDF in a constrained solve, for its precision to be finite."""
+
+_ALIKE = 0.02
+"""Radians: a material nearer than this to a centre needs no neighbourhood of its own."""
+
+
+def image_angles(space: ImageSpace) -> Tensor:
+    """(n, n) radians between weighted basis images, mean over the channels of the light."""
+    size = space.energy.sqrt()
+    unit = space.r / torch.where(size > 0, size, 1)[:, None]
+    return torch.acos((unit.mT @ unit).clamp(-1, 1)).mean(0)
+
+
+def farthest_points(distances: Tensor, count: int, nearest: float) -> list[int]:
+    """Indices of points, each the farthest from those before, the first in the middle; none nearer than `nearest`."""
+    chosen = [int(distances.mean(1).argmin())]
+    while len(chosen) < count:
+        gap = distances[:, chosen].amin(1)
+        if not float(gap.max()) > nearest:
+            break
+        chosen.append(int(gap.argmax()))
+    return chosen
+
+
+def prior_variances(membership: Tensor, norms: Tensor, space: ImageSpace) -> Tensor:
+    """S (M, n) of all priors, each of mean 1: the K classes, the whole library, neighbourhoods.
+
+    membership  (K, n) bool  the basis BRDFs of every class
+    norms       (n,)         |b_i|
+    """
+    middle = norms[norms > 0].log().mean().exp() if (norms > 0).any() else norms.new_ones(())
+    relative = torch.where(norms > 0, norms / middle, 1)
+    whole = torch.stack([relative ** (-2 * power) for power in POWERS])
+    angles = image_angles(space)
+    centres = farthest_points(angles, NEIGHBOURHOODS, _ALIKE)
+    local = torch.exp(-((angles[centres] / REACH) ** 2)) * relative ** (-2 * _LOCAL_POWER)
+    variances = torch.cat([membership.to(whole), whole, local])
+    return variances / variances.mean(1, keepdim=True)
+
+
+@dataclass(frozen=True, eq=False)
+class PriorBank:
+    """The factors of all priors in an image space; they do not depend on the photograph.
+
+    space      the image space
+    variances  (M, n)        S
+    means      (M, n)        mu, the sum of each is 1
+    values     (M, 3, r)     eigenvalues of R S R^T
+    vectors    (M, 3, r, r)  its eigenvectors V
+    penalties  (M, 3, L)     lambda
+    mean_images (M, 3, r)    V^T R mu
+    """
+
+    space: ImageSpace
+    variances: Tensor
+    means: Tensor
+    values: Tensor
+    vectors: Tensor
+    penalties: Tensor
+    mean_images: Tensor
+
+    @classmethod
+    def of(cls, space: ImageSpace, variances: Tensor) -> "PriorBank":
+        """Factor priors (M, n) in a space."""
+        n = variances.shape[1]
+        means = variances.sqrt()
+        means = means / means.sum(1, keepdim=True)
+        values, vectors = torch.linalg.eigh((space.r * variances[:, None, None]) @ space.r.mT)
+        values = values.clamp_min(0)
+        trace = values.sum(-1, keepdim=True) / n
+        penalties = PENALTIES.to(values.device) * torch.where(trace > 0, trace, 1)
+        mean_images = torch.einsum("msrk,srn,mn->msk", vectors, space.r, means)
+        return cls(space, variances, means, values, vectors, penalties, mean_images)
+
+    def masked(self, used: Tensor) -> "PriorBank":
+        """The same priors in the space of some pixels only."""
+        return PriorBank.of(self.space.masked(used), self.variances)
+
+    def explain(self, y: Tensor) -> "Explanation":
+        """How every prior and penalty explains photographs (B, 3, P)."""
+        coordinates, energy = self.space.project(y)
+        rotated = torch.einsum("msrk,bsr->bmsk", self.vectors, coordinates)
+        mean_energy = self.mean_images.square().sum(-1)
+        shared = (rotated * self.mean_images).sum(-1)
+        brightness = torch.where(mean_energy > 0, shared / torch.where(mean_energy > 0, mean_energy, 1), 0)
+        deviation = rotated - brightness[..., None] * self.mean_images
+        outside = (energy - coordinates.square().sum(-1)).clamp_min(0) + NOISE_FLOOR**2 * energy
+        damping = self.penalties[..., None] / (self.values[..., None, :] + self.penalties[..., None])
+        quadratic = outside[:, None, :, None] + torch.einsum("bmsk,mslk->bmsl", deviation.square(), damping)
+        lit = (energy > 0)[:, None, :, None]
+        effective = y.shape[-1] / CORRELATION
+        log_evidence = 0.5 * damping.log().sum(-1) - 0.5 * effective * torch.where(lit, quadratic, 1).log()
+        return Explanation(self, brightness, deviation, quadratic, torch.where(lit, log_evidence, 0).sum(2))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Photographs as every prior and penalty explains them.
+
+    brightness    (B, M, 3)     a
+    deviation     (B, M, 3, r)  V^T of the photograph less a times the prior's mean image
+    quadratic     (B, M, 3, L)  |residual|^2 + lambda |w - a mu|^2_S at the solution
+    log_evidence  (B, M, L)     of all channels together; they share prior and penalty
+    """
+
+    bank: PriorBank
+    brightness: Tensor
+    deviation: Tensor
+    quadratic: Tensor
+    log_evidence: Tensor
+
+    def components(self, shares: Tensor) -> Tensor:
+        """Each prior's part (B, M', 3, n) of the posterior mean, for shares (B, M', L) of the first M' priors."""
+        bank, m = self.bank, shares.shape[1]
+        spectrum = bank.values[:m, :, None] + bank.penalties[:m, ..., None]
+        filtered = torch.einsum("bml,mslk->bmsk", shares, 1 / spectrum) * self.deviation[:, :m]
+        towards = torch.einsum("msrk,bmsk->bmsr", bank.vectors[:m], filtered)
+        deviations = torch.einsum("srn,bmsr->bmsn", bank.space.r, towards)
+        means = (shares.sum(-1)[..., None] * self.brightness[:, :m])[..., None] * bank.means[:m, None]
+        return bank.variances[:m, None] * deviations + means
+
+    def precision(self, shares: Tensor) -> Tensor:
+        """R^T R + lambda S^-1 (B, 3, n, n) of each photograph's most probable prior (of the whole library) and penalty."""
+        bank = self.bank
+        best = shares.flatten(1).argmax(1)
+        m, k = best // shares.shape[2], best % shares.shape[2]
+        variances = bank.variances[m].clamp_min(_SMALLEST_VARIANCE)
+        penalty = bank.penalties[m, :, k]
+        prior = torch.diag_embed(penalty[..., None] / variances[:, None])
+        return bank.space.r.mT @ bank.space.r + prior
+
+    def detach(self) -> "Explanation":
+        """The same without gradients."""
+        parts = (self.brightness, self.deviation, self.quadratic, self.log_evidence)
+        return Explanation(self.bank, *(part.detach() for part in parts))
