@@ -191,7 +191,7 @@ class Experiment:
             key = repr(setting.classes)
             if key not in classes:
                 classes[key] = tb.MaterialClasses.fit(self.library, **setting.classes)
-            estimator = tb.BRDFEstimator(self.bases[probe], classes[key], **setting.estimator)
+            estimator = tb.BRDFEstimator(self.bases[probe], classes[key], library=self.library, **setting.estimator)
             others = [name for name in self.probes if name != probe]
             for level, photographs in zip(levels, self.observations(probe, levels), strict=True):
                 result = estimator(photographs)

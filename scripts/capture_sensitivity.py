@@ -1,4 +1,4 @@
-"""What spoils a capture: the table of docs/capture_guide.md.
+"""What spoils a capture, and which setting stands it: the tables of docs/capture_guide.md and docs/constraints.md.
 
 Run `python scripts/capture_sensitivity.py`; it needs no data. Materials of the embedded library are photographed
 under the default light probe with one defect at a time, recovered from the other 99, and compared with the truth
@@ -8,6 +8,7 @@ under another light.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -75,6 +76,16 @@ DEFECTS = {
 }
 
 
+SETTINGS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "robust": {"robust": True},
+    "w >= 0": {"constraint": "nonnegative"},
+    "convex": {"constraint": "convex"},
+    "paper": {"penalty": "paper"},
+}
+"""Arguments of BRDFEstimator."""
+
+
 def rotation(degrees: float) -> Tensor:
     """(3, 3): the turn about AXIS."""
     x, y, z = AXIS
@@ -83,7 +94,7 @@ def rotation(degrees: float) -> Tensor:
 
 
 def errors() -> Tensor:
-    """(materials, defects): |rendered - truth| / |truth| under the new light."""
+    """(materials, defects, settings): |rendered - truth| / |truth| under the new light."""
     whole = tb.MaterialLibrary.default()
     probe, view = tb.LightProbe.default(), tb.SphereView(SIZE)
     basis = tb.render_basis(whole, probe, view, progress=True)
@@ -93,24 +104,27 @@ def errors() -> Tensor:
         degrees: tb.render_basis(whole, probe.rotated(rotation(degrees)), view, seed=1, progress=True).subset(MATERIALS)
         for degrees in {defect.degrees for defect in DEFECTS.values()}
     }
-    found = torch.empty(len(MATERIALS), len(DEFECTS))
+    found = torch.empty(len(MATERIALS), len(DEFECTS), len(SETTINGS))
     for i, name in enumerate(tqdm(MATERIALS)):
-        estimate = tb.BRDFEstimator(basis.without(name), tb.MaterialClasses.fit(whole.without(name)))
+        without, classes = basis.without(name), tb.MaterialClasses.fit(whole.without(name))
         expected = novel.pack(novel.image(name))
         others = novel.without(name).packed
-        for j, defect in enumerate(DEFECTS.values()):
-            photograph = photographs[defect.degrees].image(name)
-            weights = estimate(*defect.spoil(photograph, view.mask)).weights
-            got = torch.einsum("nc,ncp->cp", weights, others)
-            found[i, j] = (got - expected).norm() / expected.norm()
+        for k, setting in enumerate(SETTINGS.values()):
+            estimate = tb.BRDFEstimator(without, classes, **setting)
+            for j, defect in enumerate(DEFECTS.values()):
+                photograph = photographs[defect.degrees].image(name)
+                weights = estimate(*defect.spoil(photograph, view.mask)).weights
+                got = torch.einsum("nc,ncp->cp", weights, others)
+                found[i, j, k] = (got - expected).norm() / expected.norm()
     return found
 
 
 def main() -> None:
-    """Print the table: median and worst over the materials."""
-    print("| defect | median error | worst |\n|---|---|---|")
-    for name, column in zip(DEFECTS, errors().T, strict=True):
-        print(f"| {name} | {column.median():.3f} | {column.max():.3f} |")
+    """Print the table: median / worst over the materials."""
+    print(f"| defect | {' | '.join(SETTINGS)} |\n|---|{'---|' * len(SETTINGS)}")
+    for name, columns in zip(DEFECTS, errors().transpose(0, 1), strict=True):
+        cells = [f"{column.median():.3f} / {column.max():.3f}" for column in columns.T]
+        print(f"| {name} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

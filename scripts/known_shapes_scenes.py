@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -13,12 +12,10 @@ import trimesh
 from torch import Tensor
 
 import torchbrdf as tb
-from torchbrdf.estimator import DEFAULT_PENALTY
+from torchbrdf.estimator import DEFAULT_PENALTY, Penalty
 from torchbrdf.metrics import relative_rms
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
 from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
-
-Penalty = Literal["paper"] | float
 
 PENALTIES: dict[str, Penalty] = {"default": DEFAULT_PENALTY, "paper": "paper"}
 

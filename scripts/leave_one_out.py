@@ -6,7 +6,8 @@
 A material is rendered under one probe (the observation, with noise), reconstructed from the library without that
 material (classes refitted on the remaining columns), and rendered under every other probe. Methods are named
 `single-X` (all columns in one class) and `classes-X` (the material classes) with X = lambda of eq. 25; `naive` is
-plain least squares (single-0, least norm, torch.linalg.lstsq) and `paper` is classes-0.5.
+plain least squares (single-0, least norm, torch.linalg.lstsq), `paper` is classes-0.5 and `auto` the estimator's
+default.
 
 Noise: pixel times (1 + s e) with e standard normal, independent for every pixel and channel. e depends on seed,
 material and observing probe only, so results depend neither on the order nor on the choice of materials.
@@ -54,26 +55,31 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Method:
-    """How to reconstruct: one class of all columns or the material classes, and lambda."""
+    """How to reconstruct: one class of all columns or the material classes, and lambda; None for penalty="auto"."""
 
     single: bool
-    penalty: float
+    penalty: float | None
 
     @classmethod
     def named(cls, name: str) -> "Method":
-        """`naive`, `paper`, `single-X` or `classes-X`."""
+        """`naive`, `paper`, `auto`, `single-X` or `classes-X`."""
+        if name == "auto":
+            return cls(False, None)
         kind, _, number = {"naive": "single-0", "paper": "classes-0.5"}.get(name, name).partition("-")
         try:
             penalty = float(number)
         except ValueError:
             penalty = -1.0
         if kind not in ("single", "classes") or not 0 <= penalty < float("inf"):
-            raise ValueError(f"method must be naive, paper, single-X or classes-X with a number X >= 0, got {name!r}")
+            known = "naive, paper, auto, single-X or classes-X with a number X >= 0"
+            raise ValueError(f"method must be {known}, got {name!r}")
         return cls(kind == "single", penalty)
 
     @property
     def name(self) -> str:
         """As in results.csv."""
+        if self.penalty is None:
+            return "auto"
         if self.single and self.penalty == 0:
             return "naive"
         return f"{'single' if self.single else 'classes'}-{self.penalty:g}"
@@ -117,12 +123,14 @@ def match_classes(labels: Tensor, reference: Tensor, k: int) -> list[int]:
 class Experiment:
     """Everything that all materials share.
 
+    bases             the basis images of every probe
     scenes, targets   a Scene and the target images (m, 3, P) of every probe
     lights, lit       a Scene and the basis images (n, 3, P) of every directional light
     reference         (n,) the classes of the whole library
     """
 
     library: tb.MaterialLibrary
+    bases: list[tb.BasisImages]
     scenes: list[Scene]
     targets: list[Tensor]
     lights: list[Scene]
@@ -133,6 +141,12 @@ class Experiment:
     methods: Sequence[Method]
     n_classes: int
     seed: int
+
+    def together(self) -> list[tuple[bool, list[Method]]]:
+        """Methods that share their factors: those of one class, those of the material classes, and `auto`."""
+        key = {method: (method.penalty is None, not method.single) for method in self.methods}  # auto, classes
+        kinds = sorted(set(key.values()))
+        return [(not kind[1], [method for method in self.methods if key[method] == kind]) for kind in kinds]
 
     def rows(self, material: str) -> list[dict[str, object]]:
         """The rows of results.csv for one material."""
@@ -154,10 +168,15 @@ class Experiment:
             key = f"{self.seed} {material} {scene.name}"
             noisy = noisy_observations(self.targets[i][position].double(), self.noise, key)
             observations = scene.project(noisy)
-            for single in sorted({method.single for method in self.methods}, reverse=True):
-                methods = [method for method in self.methods if method.single == single]
-                groups = [kept] if single else members
-                w = candidates(scene, observations, groups, [method.penalty for method in methods])
+            for single, methods in self.together():
+                penalties = [method.penalty for method in methods if method.penalty is not None]
+                if penalties:
+                    w = candidates(scene, observations, [kept] if single else members, penalties)
+                else:
+                    estimator = tb.BRDFEstimator(self.bases[i].without(material), classes, penalty="auto")
+                    found = estimator(self.bases[i].unpack(noisy)).weights
+                    w = found.new_zeros(1, len(noisy), 1, 3, self.library.n)
+                    w[0, :, 0, :, kept] = found.mT
                 residual = scene.error(w, Images(*(x[:, None] for x in vars(observations).values())))
                 best = residual.argmin(-1)
                 pick = best[..., None]
@@ -169,7 +188,7 @@ class Experiment:
                     errors = other.error(w, novel[k])
                     for (a, method), (b, level) in itertools.product(enumerate(methods), enumerate(self.noise)):
                         j = int(best[a, b])
-                        chosen_class = "" if single else meaning[j]
+                        chosen_class = "" if single or not penalties else meaning[j]
                         names = (material, scene.name, other.name, f"{level:g}", method.name, chosen_class)
                         here = (residual[a, b, j], errors[a, b, j], errors[a, b].min(), *(x[a, b] for x in measured))
                         numbers = (f"{float(x):.6g}" for x in here)
@@ -252,13 +271,14 @@ def run(args: argparse.Namespace) -> None:
     }
     check_settings(out / "settings.json", settings)
 
-    scenes, targets, shares = [], [], []
+    bases, scenes, targets, shares = [], [], [], []
     for name, probe in tqdm(probes.items(), desc="probes", leave=False):
         basis = cached_basis(out / "images" / f"{name}.safetensors", library, probe, view, args.samples, args.seed)
         other = basis
         if not args.shared_samples:
             path = out / "images" / f"{name}_target.safetensors"
             other = cached_basis(path, library, probe, view, TARGET_SAMPLES * args.samples, args.seed + 1)
+        bases.append(basis)
         scenes.append(Scene.of(name, basis.packed))
         own, target = (
             torch.stack([images.packed[c::3, c] for c in range(3)], dim=1) for images in (basis, other)
@@ -268,7 +288,7 @@ def run(args: argparse.Namespace) -> None:
     lights, lit = zip(*(directional_scene(library, view, angle) for angle in DIRECTIONAL_LIGHTS), strict=True)
     reference = tb.MaterialClasses.fit(library, args.classes)
     experiment = Experiment(
-        library, scenes, targets, list(lights), list(lit), CellSample.of(library, args.seed),
+        library, bases, scenes, targets, list(lights), list(lit), CellSample.of(library, args.seed),
         reference.labels, noise, methods, args.classes, args.seed,
     )  # fmt: skip
 
@@ -315,7 +335,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--probes", nargs="+", required=True, help="lat-long .exr or .hdr files, or `default`")
     parser.add_argument("-o", "--output", required=True, help="folder of the results")
     parser.add_argument("--noise", nargs="+", type=float, default=[0, 1, 2], help="levels in %% of the pixel's value")
-    parser.add_argument("--methods", nargs="+", default=["naive", "single-0.5", "paper"])
+    parser.add_argument("--methods", nargs="+", default=["naive", "single-0.5", "paper", "auto"])
     parser.add_argument("--penalties", nargs="+", default=[], help="further lambdas, each for one class and for all")
     parser.add_argument("--materials", nargs="+", help="only these; the library stays whole")
     parser.add_argument("--size", type=int, default=64, help="pixels along a side of the images")

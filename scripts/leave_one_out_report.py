@@ -11,9 +11,9 @@ from torchbrdf.files import writing
 
 Rows = Sequence[dict[str, str]]
 
-BEGIN, END = "<!-- results: begin (written by scripts/leave_one_out.py) -->", "<!-- results: end -->"
+BEGIN, END = "<!-- results: begin (written by the command above) -->", "<!-- results: end -->"
 
-_COLOURS = {"naive": "#000000", "single": "#d55e00", "classes": "#0072b2"}
+_COLOURS = {"naive": "#000000", "single": "#d55e00", "classes": "#0072b2", "auto": "#009e73"}
 _OF_THE_PAPER = ("naive", "single-0.5", "classes-0.5")
 """The methods that [CBP21, fig. 5] compares."""
 
@@ -257,6 +257,13 @@ def check_document(path: Path) -> None:
         raise ValueError(f"{path}: needs one line {BEGIN!r} and, below it, one {END!r}")
 
 
+def replace_results(path: Path, body: str) -> None:
+    """Put a text between the markers of a Markdown file."""
+    head, rest = path.read_text().split(BEGIN)
+    with writing(path) as temporary:
+        temporary.write_text(f"{head}{BEGIN}\n\n{body}\n{END}{rest.split(END)[1]}")
+
+
 def write_report(out: Path, rows: Rows, facts: Facts, document: Path | None = None) -> None:
     """Write summary.md and errors.png.
 
@@ -267,9 +274,6 @@ def write_report(out: Path, rows: Rows, facts: Facts, document: Path | None = No
         temporary.write_text(text)
     plot(rows, out / "errors.png")
     if document is not None:
-        head, rest = document.read_text().split(BEGIN)
-        body = text.split("\n\n", 1)[1]
-        with writing(document) as temporary:
-            temporary.write_text(f"{head}{BEGIN}\n\n{body}\n{END}{rest.split(END)[1]}")
+        replace_results(document, text.split("\n\n", 1)[1])
         (document.parent / "figures").mkdir(exist_ok=True)
         plot(rows, document.parent / "figures" / f"{document.stem}.png")

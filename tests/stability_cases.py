@@ -452,7 +452,7 @@ def main() -> None:
         return result.weights, float(result.relative_error)
 
     def change(before: Tensor, after: Tensor) -> float:
-        return float((after - before).abs().max() / before.abs().max())
+        return float((after - before).abs().max() / before.abs().max().clamp_min(1e-300))
 
     print(f"| case | error, {default} | error, paper | weights, {default} | weights, paper | times 2^26 | times 1e8 |")
     print("|---|---:|---:|---:|---:|---:|---:|")

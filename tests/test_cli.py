@@ -7,8 +7,10 @@ import pytest
 import torch
 
 import torchbrdf as tb
-from torchbrdf.cli import main
+from torchbrdf.cli import _parser, main
+from torchbrdf.commands.fit import fit, summary, weights_record
 from torchbrdf.merl import FILE_BYTES, GRID
+from torchbrdf.photograph import Observation
 
 SIZE = 16
 
@@ -123,12 +125,55 @@ def test_truncated_and_oversized_tables(capsys, tmp_path, bytes_more, state):
 
 
 def test_bad_numbers_on_the_command_line(capsys, photo):
-    for option, value in [("--penalty", "-1"), ("--penalty", "much"), ("--size", "0.5")]:
+    bad = [("--penalty", "-1"), ("--penalty", "much"), ("--penalty", "nan"), ("--constraint", "sum"), ("--size", "0.5")]
+    for option, value in bad:
         with pytest.raises(SystemExit, match="2"):
             main(["fit", str(photo), "--probe", "default", option, value, "-o", "out"])
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == 1
         assert lines[0].startswith("torchbrdf: error: ")
+
+
+def test_the_options_of_the_estimator(photo):
+    required = ["fit", str(photo), "--probe", "default", "-o", "out"]
+    options = _parser().parse_args(required)
+    assert (options.penalty, options.constraint, options.robust) == ("auto", None, False)
+    for text, value in (("auto", "auto"), ("paper", "paper"), ("0", 0.0), ("5e-4", 5e-4)):
+        assert _parser().parse_args([*required, "--penalty", text]).penalty == value
+    options = _parser().parse_args([*required, "--constraint", "energy", "--robust"])
+    assert (options.constraint, options.robust) == ("energy", True)
+
+
+@pytest.mark.filterwarnings("ignore:.*material class:UserWarning")
+def test_the_estimator_gets_the_options(tiny_library):
+    """And weights.json and the line that is printed say what they led to."""
+    probe, view = tb.LightProbe.default(32), tb.SphereView(SIZE)
+    basis = tb.render_basis(tiny_library, probe, view, samples=64)
+    image = basis.image("gold-0.3")
+    image[:, 8, 8] = 0
+    observation = Observation(image, view.mask)
+    plain = fit(observation, probe, tiny_library, "auto", view, basis)
+    record = weights_record(plain)
+    assert (record["penalty"], record["constraint"], record["robust"]) == ("auto", None, False)
+    j, n, size = record["class"], plain.classes.n_classes, plain.classes.sizes[record["class"]]
+    percent = f"{record['class_probabilities'][j]:.0%}"
+    error = f"relative error on the photograph {record['relative_error']:.2%}"
+    assert summary(plain) == f"most probable of {n} classes: {j} ({size} basis BRDFs), {percent}; {error}"
+
+    paper = fit(observation, probe, tiny_library, "paper", view, basis)
+    assert summary(paper).startswith(f"class {int(paper.result.class_index)} of {n} (")
+    assert sorted(weights_record(paper)["class_probabilities"]) == [0.0] * (n - 1) + [1.0]
+
+    robust = fit(observation, probe, tiny_library, "auto", view, basis, robust=True)
+    assert float((robust.result.image - basis.image("gold-0.3")).norm()) < float(
+        (plain.result.image - basis.image("gold-0.3")).norm()
+    )
+    for constraint in ("nonnegative", "convex", "energy"):
+        found = fit(observation, probe, tiny_library, "auto", view, basis, constraint)
+        assert weights_record(found)["constraint"] == constraint
+        assert found.result.optimality is not None
+        if constraint != "energy":
+            assert float(found.result.weights.min()) >= -1e-6
 
 
 def test_unknown_output_format(capsys, tmp_path):
@@ -187,6 +232,9 @@ def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys
     assert main([*arguments, "--circle", "23", "28", "16", "-o", str(tmp_path / "out")]) == 0
     record = json.loads((tmp_path / "out" / "weights.json").read_text())
     assert record["relative_error"] < 0.05
+    assert record["penalty"] == "auto"
+    assert sum(record["class_probabilities"]) == pytest.approx(1, abs=1e-5)
+    assert max(record["class_probabilities"]) == record["class_probabilities"][record["class"]]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "brdf.binary", "fitted.exr", "report.html", "weights.json"
     }  # fmt: skip

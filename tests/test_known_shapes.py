@@ -123,7 +123,7 @@ def test_a_photograph_of_a_ball_of_known_material_is_judged_by_novel_light(
     basis = tb.render_basis(tiny_library, light, judge.view)
     results = judge.fit(basis, torch.stack([basis.image(name) for name in names]), noise=0)
     found = judge.judge(results)
-    assert found["white"].observation < 0.02
+    assert found["white"].observation < 0.05  # of seven materials 52 pixels are explained so well
     table = results["white"].brdf(tiny_library.without("white"))
     whole = judge.table_errors([table], ["white"])
     assert float(whole[0]) == pytest.approx(found["white"].novel, abs=0.02)

@@ -301,7 +301,7 @@ def test_an_interrupted_run_continues_to_the_same_results(
 
     # A subset of the materials, in another order, gives the same rows.
     document = tmp_path / "page.md"
-    begin, end = "<!-- results: begin (written by scripts/leave_one_out.py) -->", "<!-- results: end -->"
+    begin, end = "<!-- results: begin (written by the command above) -->", "<!-- results: end -->"
     document.write_text(f"# Title\n\n{begin}\nold\n{end}\nlast line\n")
     few = arguments(folder, tmp_path / "few", "--penalties", "0.05", "--materials", "material-5", "material-1")
     assert script.main([*few, "--document", str(document)]) == 0

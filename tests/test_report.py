@@ -17,7 +17,8 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
 from torchbrdf.report import write_report
-from torchbrdf.report_evidence import Evidence, clamped_share, leading_materials, turn_about_y
+from torchbrdf.report_deviations import Spread, relative_spread, retroreflection_rows
+from torchbrdf.report_evidence import Evidence, clamped_share, gather, leading_materials, other_light, turn_about_y
 from torchbrdf.report_figures import (
     SURROUND,
     exposure_for,
@@ -35,6 +36,7 @@ VOID = {"meta", "img", "br", "link", "input", "hr", "circle", "line", "path", "r
 SECTIONS = [
     "The photograph and its fit",
     "Under light that was not photographed",
+    "What the photograph leaves open",
     "Every class’s candidate",
     "The BRDF",
     "The largest weights",
@@ -76,8 +78,8 @@ def pixels(attrs):
     return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)[..., ::-1] / 255.0
 
 
-@pytest.fixture(scope="module")
-def parts(tiny_tables):
+@pytest.fixture(scope="module", params=["auto", "paper"])
+def parts(request, tiny_tables):
     tables = [replace(table, name=EVIL) if name == "gold-0.3" else table for name, table in tiny_tables.items()]
     library = MaterialLibrary.from_tables(tables)
     probe, view = LightProbe.default(32), SphereView(24)
@@ -87,7 +89,7 @@ def parts(tiny_tables):
     photograph = render(target, probe, view, samples=256, seed=5)
     mask = view.mask.clone()
     mask[0, 10:13, 4:8] = False
-    result = BRDFEstimator(basis, classes)(photograph, mask)
+    result = BRDFEstimator(basis, classes, request.param)(photograph, mask)
     return {
         "photograph": photograph, "mask": mask, "result": result, "basis": basis,
         "library": library, "probe": probe, "view": view,
@@ -97,7 +99,7 @@ def parts(tiny_tables):
 @pytest.fixture(scope="module")
 def report(parts, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
-    settings = {"title": "Ball <1>", "photograph": "ball & <stand>.exr", "penalty": "paper"}
+    settings = {"title": "Ball <1>", "photograph": "ball & <stand>.exr", "penalty": "as it may be"}
     write_report(path, **parts, description=settings, size=32, samples=32)
     return path
 
@@ -118,13 +120,20 @@ def test_the_page_is_self_contained_and_well_formed(report):
 def test_every_section_is_there(report, parts):
     page = Page(report.read_text(encoding="utf-8"))
     text = " ".join(page.text)
-    assert [title for title in SECTIONS if title in text] == SECTIONS
     result = parts["result"]
+    averaged = result.posteriors is not None
+    sections = [title for title in SECTIONS if averaged or title != "What the photograph leaves open"]
+    assert [title for title in SECTIONS if title in text] == sections
+    assert f"{float(result.relative_error):.2%}" in text
+    assert ("90 % interval" in text, "likeliest" in text, "chosen" in text) == (averaged, averaged, not averaged)
+    for probability in result.class_probabilities.tolist() if averaged else []:
+        assert f"{probability:.1%}" in text
     errors = (result.class_errors / result.energy).sqrt()
     for error in errors.tolist():
         assert f"{error:.2%}" in text
     assert "A small residual proves nothing." in text
-    assert [attrs["class"] for attrs in page.all("tr") if attrs.get("class") in ("won", "")].count("won") == 1
+    kinds = [attrs["class"] for attrs in page.all("tr") if attrs.get("class") in ("won", "found", "")]
+    assert sorted(kinds, reverse=True) == ["won", *(["found"] if averaged else []), ""]
     kinds = [attrs.get("class") for attrs in page.all("svg")]
     assert kinds.count("polar") == 4
     assert kinds.count("curve") == 1
@@ -192,13 +201,14 @@ def test_the_browser_shows_every_picture_offline(report):
 
 
 def test_any_known_shape_and_one_class(parts, tmp_path):
+    penalty = "paper" if parts["result"].posteriors is None else "auto"
     tilted = torch.zeros(3, 6, 9)
     tilted[0], tilted[2] = torch.linspace(-0.5, 0.5, 9), 1.0
     view = NormalMapView(tilted)
     library, probe = parts["library"], parts["probe"]
     basis = render_basis(library, probe, view, samples=32)
     photograph = basis.image("red")
-    result = BRDFEstimator(basis, MaterialClasses.single(library))(photograph)
+    result = BRDFEstimator(basis, MaterialClasses.single(library), penalty)(photograph)
     path = tmp_path / "r.html"
     write_report(
         path, photograph=photograph, mask=view.mask, result=result, basis=basis, library=library, probe=probe,
@@ -206,10 +216,12 @@ def test_any_known_shape_and_one_class(parts, tmp_path):
     )  # fmt: skip
     text = path.read_text(encoding="utf-8")
     Page(text)
-    assert "The only class explains" in text
+    assert ("The result explains" if penalty == "auto" else "The only class explains") in text
     assert "second best" not in text
+    assert "most probable class is" not in text
     assert 'class="large"' in text
-    assert 'class="large disc"' not in text
+    balls = re.findall('class="large disc"[^>]*alt="([^"]*)"', re.sub('base64,[^"]*', "", text))
+    assert balls == (["relative standard deviation, under another light"] if penalty == "auto" else [])
 
 
 @pytest.mark.parametrize(
@@ -248,10 +260,13 @@ def test_a_batch_is_refused(parts, tmp_path):
     ],
 )
 def test_the_warnings(errors, weights, clamped, expected):
-    candidates = tuple(SimpleNamespace(index=j, error=error, clamped=clamped) for j, error in enumerate(errors))
+    candidates = tuple(
+        SimpleNamespace(index=j, error=error, clamped=clamped, probability=None) for j, error in enumerate(errors)
+    )
     evidence = Evidence(
-        photograph=None, used=None, candidates=candidates, chosen=0, names=("a",), channel_errors=(), turned=None,
-        weights=torch.tensor(weights, dtype=torch.float64)[:, None].expand(2, 3), directional={}, probes=None,
+        photograph=None, used=None, found=candidates[0], candidates=candidates, chosen=0, names=("a",),
+        channel_errors=(), turned=None, directional={}, probes=None,
+        weights=torch.tensor(weights, dtype=torch.float64)[:, None].expand(2, 3),
     )  # fmt: skip
     assert len(evidence.warnings) == len(expected)
     for warning, start in zip(evidence.warnings, expected, strict=True):
@@ -259,11 +274,81 @@ def test_the_warnings(errors, weights, clamped, expected):
     assert evidence.margin == (errors[1] / errors[0] if len(errors) > 1 else float("inf"))
 
 
-def test_a_shape_with_few_normals_is_the_first_warning():
-    candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0)
+@pytest.mark.parametrize(
+    ("probabilities", "typical", "expected"),
+    [
+        ((0.1, 0.9), 0.1, []),
+        ((0.3, 0.7), 0.1, ["The photograph does not tell the class: class 1 has a probability of 70%, class 0 of 30%"]),
+        ((0.1, 0.9), 0.26, ["Under another light the picture is uncertain by 26%"]),
+        ((1.0,), 0.1, []),
+    ],
+)
+def test_the_warnings_of_an_average(probabilities, typical, expected):
+    """Nearly equal errors of the classes do not matter: probabilities do."""
+    candidates = tuple(
+        SimpleNamespace(index=j, error=0.01, clamped=0.0, probability=p) for j, p in enumerate(probabilities)
+    )
     evidence = Evidence(
-        photograph=None, used=None, candidates=(candidate,), chosen=0, names=("a",), channel_errors=(), turned=None,
-        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None, distrust="the shape is a plane",
+        photograph=None, used=None, found=SimpleNamespace(index=None, error=0.01, clamped=0.0, probability=None),
+        candidates=candidates, chosen=int(np.argmax(probabilities)), names=("a",), channel_errors=(), turned=None,
+        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None,
+        spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), typical),
+    )  # fmt: skip
+    assert evidence.averaged
+    assert len(evidence.warnings) == len(expected)
+    for warning, start in zip(evidence.warnings, expected, strict=True):
+        assert warning.startswith(start)
+
+
+def test_the_result_is_shown_and_not_the_best_candidate(parts):
+    evidence = gather(*(parts[key] for key in ("photograph", "mask", "result", "basis", "library", "probe")), 16, 16)
+    result, library = parts["result"], parts["library"]
+    assert torch.equal(evidence.found.table.values, result.brdf(library).values)
+    assert torch.allclose(evidence.weights, result.weights.double())
+    assert evidence.found.error == pytest.approx(float(result.relative_error), rel=1e-4)
+    assert torch.allclose(evidence.found.fitted, result.image, rtol=1e-3, atol=1e-4)
+    assert evidence.averaged == (result.posteriors is not None)
+    if not evidence.averaged:
+        assert evidence.found is evidence.candidates[evidence.chosen]
+        assert evidence.spread is None
+        return
+    assert not torch.equal(evidence.found.table.values, evidence.best.table.values)
+    assert [candidate.probability for candidate in evidence.candidates] == result.class_probabilities.tolist()
+    curve = result.brdf_std(library)[:, 0]
+    assert evidence.spread.curve.shape == (90, 3)
+    assert (evidence.spread.curve > 0).all()
+    assert (evidence.spread.curve.mean(0) < 1.5 * curve.mean((0, 1))).all()  # a mean over phi_d varies less than a cell
+
+
+def test_the_other_light_is_another(parts):
+    """Also for a photograph under the default probe, as in the demo."""
+    default = LightProbe.default()
+    assert other_light(parts["probe"]).fingerprint == default.fingerprint
+    turned = other_light(default)
+    assert turned.fingerprint != default.fingerprint
+    assert torch.allclose(turned.total_power, default.total_power, rtol=0.01)
+
+
+def test_the_spread_is_relative_and_0_in_the_dark():
+    deviation, radiance = torch.tensor([[3.0], [0.0], [4.0]]), torch.tensor([[0.0], [10.0], [0.0]])
+    assert float(relative_spread(deviation, radiance)) == pytest.approx(0.5)
+    assert float(relative_spread(deviation, 0 * radiance)) == 0
+
+
+def test_the_rows_of_the_curve(tiny_library, tiny_tables):
+    """One material's own weights: its curve."""
+    rows = retroreflection_rows(tiny_library)
+    for name in ("white", "gold-0.3"):
+        i = 3 * tiny_library.names.index(name)
+        assert np.allclose(rows[:, i : i + 3].numpy(), theta_h_curve(tiny_library.table(name)), rtol=1e-5)
+
+
+def test_a_shape_with_few_normals_is_the_first_warning():
+    candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0, probability=None)
+    evidence = Evidence(
+        photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
+        channel_errors=(), turned=None, directional={}, probes=None, distrust="the shape is a plane",
+        weights=torch.ones(2, 3, dtype=torch.float64),
     )  # fmt: skip
     assert evidence.warnings[0] == "The shape is a plane."
     assert len(evidence.warnings) == 2

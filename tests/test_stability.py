@@ -13,6 +13,7 @@ import tracemalloc
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -34,9 +35,10 @@ PARAMETERS = inspect.signature(BRDFEstimator).parameters
 DEFAULT = PARAMETERS["penalty"].default
 REGULARISED = list(dict.fromkeys([DEFAULT, "paper", 0.0005]))
 PENALTIES = [*REGULARISED, 0.0]
-SOLVERS = ["factored", "lstsq"]
+METHODS = [{"penalty": DEFAULT}, *({"penalty": "paper", "solver": solver} for solver in ("factored", "lstsq"))]
 
 each_case = pytest.mark.parametrize("name", CASES)
+each_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: "-".join(method.values()))
 each_penalty = pytest.mark.parametrize("penalty", PENALTIES)
 each_regularised = pytest.mark.parametrize("penalty", REGULARISED)
 regularised = st.sampled_from(REGULARISED)
@@ -88,7 +90,10 @@ def difference(a: Tensor, b: Tensor) -> float:
 
 
 def weight_change(a: Reconstruction, b: Reconstruction) -> float:
-    assert torch.equal(a.class_index, b.class_index)
+    """Largest change of a weight; the class must be the same, unless several are equally probable."""
+    top = a.class_probabilities.topk(min(2, a.class_probabilities.shape[-1])).values
+    tie = top[..., 0] - top[..., -1] < 1e-6 if top.shape[-1] > 1 else torch.zeros_like(a.class_index, dtype=torch.bool)
+    assert (tie | (a.class_index == b.class_index)).all()
     return difference(a.weights, b.weights)
 
 
@@ -106,7 +111,7 @@ class TestEveryCase:
 
     @each_case
     def test_float32_photographs(self, name: str):
-        """The photograph is taken to float64 at once: only the rounding of the result differs."""
+        """The estimator computes in float64: only the rounding of the result differs."""
         case = CASES[name]()
         case = replace(case, image=case.image.float().requires_grad_())
         single = estimate(case)
@@ -136,6 +141,18 @@ class TestEveryCase:
         columns = case.basis.packed.double().flatten(1).norm(dim=1)
         bright = case.basis.pack(case.image).norm() / columns.amax().clamp_min(1e-30)
         assert float(result.weights.norm()) < 100 * max(1.0, float(bright))
+
+    @each_case
+    def test_the_posterior_is_finite_and_positive(self, name: str):
+        case = CASES[name]()
+        result = estimate(case)
+        deviation = result.image_std(case.basis)
+        assert deviation.shape == case.image.shape
+        assert torch.isfinite(deviation).all()
+        assert float(deviation.min()) >= 0
+        assert float(deviation.amax()) < 100 * float(case.image.abs().max())
+        assert torch.isfinite(result.class_probabilities).all()
+        assert float(result.class_probabilities.sum()) == pytest.approx(1)
 
 
 class TestScale:
@@ -247,10 +264,18 @@ class TestChannels:
 
     @each_penalty
     def test_a_channel_without_light_does_not_disturb_the_others(self, penalty):
-        """Blue basis images of 0: red and green as if blue had been as usual, in every class."""
+        """Blue basis images of 0: red and green as if blue had been as usual, in every class.
+
+        With "auto" the channels share prior and penalty: without blue there is less evidence for both.
+        """
         cases = (CASES[name]() for name in ("ordinary", "coloured_light_in_the_basis_only"))
         usual, dark = (estimate(case, penalty=penalty) for case in cases)
-        assert difference(usual.class_weights[..., :2], dark.class_weights[..., :2]) < 1e-6
+        if penalty == "auto":
+            assert difference(usual.weights[..., :2], dark.weights[..., :2]) < 0.3
+            assert difference(usual.class_weights[..., :2], dark.class_weights[..., :2]) < 0.1
+            assert difference(usual.image[:2], dark.image[:2]) < 0.02
+        else:
+            assert difference(usual.class_weights[..., :2], dark.class_weights[..., :2]) < 1e-6
 
 
 def prediction_error(result: Reconstruction) -> float:
@@ -334,11 +359,27 @@ class TestSeveralPhotographs:
         twice = BRDFEstimator([case.basis] * 2, case.classes, penalty="paper")([case.image] * 2)
         assert difference(estimate(case, penalty="paper").weights, twice.weights) < 1e-9
 
+    def test_two_exposures_of_one_view(self):
+        """The same basis images twice, and each photograph with its own mask: the shared mask is not lost."""
+        case = CASES["ordinary"]()
+        cut = _without_brightest(case)
+        result = BRDFEstimator([case.basis] * 2, case.classes)([case.image] * 2, [cut, None])
+        assert len(result.image) == 2
+        assert result.image[0].shape == case.image.shape
+        assert torch.equal(result.image[0], result.image[1])
+        assert difference(estimate(case).image, result.image[0]) < 0.05
+
     def test_a_mask_that_leaves_one_pixel_of_the_second(self):
         case = CASES["masked_to_one_pixel"]()
         solved = BRDFEstimator([case.basis] * 2, case.classes)
         result = solved([case.image] * 2, [torch.ones_like(case.mask), case.mask])
-        assert difference(estimate(replace(case, mask=None)).image, result.image[..., :14, :14]) < 0.1
+        for image in result.image:
+            assert difference(estimate(replace(case, mask=None)).image, image) < 0.1
+
+
+def _without_brightest(case: Case) -> Tensor:
+    luminance = case.image.mean(0, keepdim=True)
+    return luminance < luminance[case.basis.mask].quantile(0.95)
 
 
 class TestInput:
@@ -411,22 +452,24 @@ class TestGradients:
         basis = BasisImages(case.basis.packed[rows][..., columns], mask, ("m0", "m1"), "L", probe="P", view="V")
         return Case(basis, classes_of((0, 1, 0, 2, 1, 0)), case.image.flatten(1)[:, picked][:, None])
 
-    @pytest.mark.parametrize("solver", SOLVERS)
-    @pytest.mark.parametrize("penalty", [DEFAULT, "paper"])
+    @each_method
     @pytest.mark.parametrize(
         "name",
         ["ordinary", "ten_pixels", "uniform_light", "one_texel", "black_channel", "saturated", "negative_channel",
          "coloured_light_in_the_basis_only"],
     )  # fmt: skip
-    def test_gradcheck(self, name: str, penalty, solver: str):
+    def test_gradcheck(self, name: str, method: dict[str, Any]):
+        """A black channel is no evidence for "auto", and any light in it is: a jump, so it is left out of the check."""
         case = self.tiny(name)
-        solved = estimator_of(case, penalty=penalty, solver=solver)
-        image = case.image.clone().requires_grad_()
+        solved = estimator_of(case, **method)
+        lit = torch.tensor([s for s in range(3) if method["penalty"] != "auto" or case.image[s].any()])
+        dark = case.image.clone()
 
-        def outputs(image: Tensor) -> tuple[Tensor, ...]:
-            result = solved(image)
-            return result.class_weights, result.class_errors, result.relative_error, result.image
+        def outputs(channels: Tensor) -> tuple[Tensor, ...]:
+            result = solved(dark.index_copy(0, lit, channels))
+            return result.weights, result.class_weights, result.class_errors, result.relative_error, result.image
 
+        image = case.image[lit].clone().requires_grad_()
         assert torch.autograd.gradcheck(outputs, image, atol=1e-5, rtol=1e-3)
 
 
@@ -576,10 +619,12 @@ class TestProperties:
         assert weight_change(one, estimate(scaled(case, 10**decade), penalty=penalty)) < 1e-3
 
 
+@pytest.mark.parametrize("solver", ["factored", "lstsq"])
 @each_penalty
-@pytest.mark.parametrize("solver", SOLVERS)
 def test_threads(penalty, solver: str):
     """Large enough that torch shares the work: 100 materials' worth of pixels and a batch."""
+    if penalty == "auto" and solver == "lstsq":
+        pytest.skip('"lstsq" is for fixed penalties')
     basis = synthetic(size=32, m=20)
     images = photograph(size=32, count=4)
     classes = classes_of(tuple(i % 3 for i in range(60)))

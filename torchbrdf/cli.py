@@ -9,6 +9,7 @@ from typing import NoReturn
 
 import torchbrdf
 from torchbrdf.commands import bake, classes, demo, doctor, export, fit, render, verify
+from torchbrdf.constraints import CONSTRAINTS
 from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -104,7 +105,11 @@ def _parser() -> argparse.ArgumentParser:
         "--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help="silhouette in pixels; default: from the mask"
     )
     library(added)
-    added.add_argument("--penalty", type=fit.penalty, default=fit.DEFAULT_PENALTY, help=fit.PENALTY_HELP)
+    added.add_argument(
+        "--penalty", type=fit.penalty, default=fit.DEFAULT_PENALTY, metavar="auto|paper|X", help=fit.PENALTY_HELP
+    )
+    added.add_argument("--constraint", choices=CONSTRAINTS, help=fit.CONSTRAINT_HELP + "; default: none")
+    added.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
     added.add_argument("--size", type=int, help="resample to N x N pixels; default: its own, at most 128")
     added.add_argument("--allow-ldr", action="store_true", help="accept an 8-bit photograph, taken as gamma 2.2")
     output(added, "folder for brdf.binary, weights.json, fitted.exr and report.html")

@@ -1,4 +1,4 @@
-"""From photographs to weights: every class and more priors, and what the photographs say about them [CBP21, sec. VI]."""
+"""From photographs to weights: every class and more priors, and what photographs say about them [CBP21, sec. VI]."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -29,24 +29,32 @@ DEFAULT_PENALTY: Penalty = "auto"
 
 Solver = Literal["factored", "lstsq"]
 
+NEGLIGIBLE = 1e-12
+"""Priors of less probability than this do not enter the weights."""
+
 OUTLIER = 8.0
 """With `robust`, pixels whose residual is above this many robust standard deviations are left out."""
 
 _ROUNDS = 5
 
+_TOGETHER = 32
+"""Photographs solved at a time: temporaries of more leave the processor's cache."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Of B photographs: weights (B, n, 3) and class candidates (B, K, n, 3); fitted (B, 1 + K, 3, P) shows them.
+    """Of B photographs: weights (B, n, 3) and class candidates (B, K, n, 3).
 
+    fitted (B, 3, P) shows the weights; errors (B, 1 + K) of them and of the candidates over the pixels used
     probabilities (B, K); optimality (B, 3) of a constraint; evidence: what a posterior is made from
     """
 
     weights: Tensor
     class_weights: Tensor
     fitted: Tensor
+    errors: Tensor
     probabilities: Tensor
-    optimality: Tensor | None = None
+    optimality: Tensor
     evidence: tuple[Explanation, Tensor, int] | None = None
 
 
@@ -64,9 +72,9 @@ class BRDFEstimator(nn.Module):
     library     the material library, for "energy" only
     robust      leave out pixels that do not fit, such as saturated and dead ones
 
-    With a fixed penalty it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 for each class and colour channel (eq. 26 with
-    Sigma' = identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19). Gradients
-    flow to the photograph. Warns where the shape shows too few normals (a plane, a cube).
+    With a fixed penalty it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 for each class and colour channel (eq. 26
+    with Sigma' = identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19).
+    Gradients flow to the photograph. Warns where the shape shows too few normals (a plane, a cube).
     """
 
     packed: Tensor
@@ -97,7 +105,8 @@ class BRDFEstimator(nn.Module):
             raise ValueError(f'solver must be "factored" or "lstsq", got {solver!r}')
         if constraint is not None and constraint not in CONSTRAINTS:
             raise ValueError(f"constraint must be None or one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-        if constraint == "energy" and (library is None or (library.source, library.names) != (classes.library, classes.names)):
+        origin = None if library is None else (library.source, library.names)
+        if constraint == "energy" and origin != (classes.library, classes.names):
             raise ValueError('constraint "energy" needs the library of the basis images: library=...')
         if solver == "lstsq" and (penalty == "auto" or constraint is not None):
             raise ValueError('solver "lstsq" is for a fixed penalty without constraint; leave it out')
@@ -133,8 +142,8 @@ class BRDFEstimator(nn.Module):
     @property
     def frames(self) -> Frames:
         """Where the pixels of each photograph lie."""
-        masks = (buffer for name, buffer in self.named_buffers(recurse=False) if name.startswith("mask_"))
-        return Frames(tuple(masks))
+        buffers = self.named_buffers(recurse=False, remove_duplicate=False)  # two exposures share one mask
+        return Frames(tuple(buffer for name, buffer in buffers if name.startswith("mask_")))
 
     @property
     def bank(self) -> PriorBank:
@@ -161,30 +170,29 @@ class BRDFEstimator(nn.Module):
         """
         frames = self.frames
         y, used, batch = check_observation(image, mask, frames, self.several)
-        if self.robust:
+        if self.robust and len(y):
             used = self._without_outliers(y, used)
-        masks, group = torch.unique(used, dim=0, return_inverse=True)
-        rows = [torch.nonzero(group == k).ravel() for k in range(len(masks))]
-        groups = [self._solve(y[rows[k]], masks[k]) for k in range(len(masks))]
-        if not groups:  # an empty batch
-            groups, rows = [self._solve(y, torch.ones_like(used[0]) if len(used) else torch.ones(y.shape[-1], dtype=torch.bool))], [group]
-        order = torch.argsort(torch.cat(rows))
+            y = torch.where(used[:, None], y, 0)
+        groups = _groups(used)
+        solutions = [self._solve(y[rows], used[rows[0]]) for rows in groups]
+        if not groups:
+            solutions = [self._solve(y, torch.ones(y.shape[-1], dtype=torch.bool, device=y.device))]
+        place = torch.empty(len(y), 2, dtype=torch.int64, device=y.device)
+        for i, rows in enumerate(groups):
+            place[rows] = torch.stack([torch.full_like(rows, i), torch.arange(len(rows), device=y.device)], -1)
 
         def gathered(name: str) -> Tensor:
-            parts = torch.cat([getattr(one, name) for one in groups])
-            return parts if len(groups) == 1 else parts[order]
+            parts = [getattr(one, name) for one in solutions]
+            return parts[0] if len(parts) == 1 else torch.cat(parts)[torch.argsort(torch.cat(groups))]
 
-        fitted = gathered("fitted")
-        errors = torch.where(used[:, None, None], fitted - y[:, None], 0).double().square().sum((-2, -1))
-        probabilities = gathered("probabilities")
+        errors, probabilities = gathered("errors"), gathered("probabilities")
 
         def shaped(values: Tensor) -> Tensor:
             values = values.to(y.dtype) if values.is_floating_point() else values
             return values.reshape((*batch, *values.shape[1:]))
 
-        images = tuple(shaped(one) for one in frames.unpack(fitted[:, 0]))
-        evidence = tuple(one.evidence for one in groups if one.evidence is not None)
-        where = torch.stack([group, _rank_within(group, rows)], -1).reshape(*batch, 2)
+        images = tuple(shaped(one) for one in frames.unpack(gathered("fitted")))
+        evidence = tuple(one.evidence for one in solutions if one.evidence is not None)
         return Reconstruction(
             weights=shaped(gathered("weights")),
             class_weights=shaped(gathered("class_weights")),
@@ -192,11 +200,11 @@ class BRDFEstimator(nn.Module):
             class_probabilities=shaped(probabilities),
             class_index=shaped(probabilities.argmax(1)),
             error=shaped(errors[:, 0]),
-            energy=shaped(torch.where(used[:, None], y, 0).double().square().sum((-2, -1))),
+            energy=shaped(_squared_norm(y)),
             image=images if self.several else images[0],
             names=self.names,
             library=self.library,
-            posteriors=PosteriorBatch(evidence, where) if evidence else None,
+            posteriors=PosteriorBatch(evidence, place.reshape(*batch, 2)) if evidence else None,
             optimality=None if self.constraint is None else shaped(gathered("optimality")),
         )
 
@@ -209,11 +217,13 @@ class BRDFEstimator(nn.Module):
             for _ in range(_ROUNDS):
                 found = []
                 for b in range(len(y)):
-                    fitted = self._solve(y[b : b + 1], kept[b]).fitted[0, 0]
+                    fitted = self._solve(y[b : b + 1], kept[b]).fitted[0]
                     residual = ((fitted - y[b]) / scale).abs().amax(0)
                     spread = residual[kept[b]].median() / 0.6745
                     found.append(used[b] & (residual <= OUTLIER * spread))
                 new = torch.stack(found)
+                lit = ((y != 0) & new[:, None]).flatten(1).any(1)  # what fits may be black, and black fits anything
+                new = torch.where(lit[:, None], new, kept)
                 if torch.equal(new, kept):
                     break
                 kept = new
@@ -225,23 +235,33 @@ class BRDFEstimator(nn.Module):
 
     def _average(self, y: Tensor, used: Tensor) -> _Solution:
         """Posterior mean over all priors and penalties."""
-        bank = self._bank_of(used)
-        found = bank.explain(y if bool(used.all()) else y[..., used])
-        evidence = found.log_evidence
-        shares = torch.softmax(evidence.flatten(1), 1).reshape(evidence.shape)
-        weights = found.components(shares).sum(1)
+        bank, whole = self._bank_of(used), bool(used.all())
+        found = bank.explain(y if whole else y[..., used])
         k = self.classes.n_classes
-        class_weights = found.components(torch.softmax(evidence[:, :k], -1))
-        optimality = None
-        if self.constraint is not None:
+        of_prior = torch.logsumexp(found.log_evidence, -1)
+        each, within = torch.softmax(of_prior, -1), torch.softmax(found.log_evidence, -1)
+        shares = each[..., None] * within
+        wanted = each.detach() > NEGLIGIBLE
+        wanted[:, :k] = True
+        rows, priors = torch.nonzero(wanted, as_tuple=True)
+        parts = found.parts(within, rows, priors)
+        weights = y.new_zeros(len(y), *parts.shape[1:], dtype=parts.dtype)
+        weights = weights.index_add(0, rows, each[rows, priors][:, None, None] * parts)
+        class_weights = parts[priors < k].unflatten(0, (len(y), k))
+        optimality = weights.new_zeros(len(weights), 3)
+        if self.constraint is not None and len(weights):
             closest = constrain(weights, found.precision(shares), self.constraint, self._bounds)
             weights, optimality = closest.weights, closest.optimality
-        shown = torch.cat([weights[:, None], class_weights], 1)
+        fitted = self.bank.space.render(weights, y.dtype)
+        residual = y - fitted if whole else (y - fitted)[..., used]
+        error = _squared_norm(residual)[:, None]
+        growth = bank.space.growth(residual, weights[:, None] - class_weights)
         return _Solution(
             weights=weights.mT,
             class_weights=class_weights.mT,
-            fitted=self.bank.space.render(shown, y.dtype),
-            probabilities=torch.softmax(torch.logsumexp(evidence[:, :k], -1), -1),
+            fitted=fitted,
+            errors=torch.cat([error, (error + growth).clamp_min(0)], 1),
+            probabilities=torch.softmax(of_prior[:, :k], -1),
             optimality=optimality,
             evidence=(found.detach(), shares.detach(), int(used.sum())),
         )
@@ -274,7 +294,7 @@ class BRDFEstimator(nn.Module):
             else:
                 projection = torch.einsum("nsp,bsp->bsn", basis[members].double(), seen)
                 solution = ridge(factors[j], projection, prior, strength)
-                if self.constraint is not None:
+                if self.constraint is not None and len(y):
                     bounds = None if self._bounds is None else self._bounds.select(members)
                     closest = constrain(solution, factors[j].precision(strength), self.constraint, bounds)
                     solution, optimality[:, j] = closest.weights, closest.optimality
@@ -285,7 +305,8 @@ class BRDFEstimator(nn.Module):
         return _Solution(
             weights=class_weights[row, best],
             class_weights=class_weights,
-            fitted=torch.cat([fitted[row, best][:, None], fitted], 1),
+            fitted=fitted[row, best],
+            errors=torch.cat([errors[row, best][:, None], errors], 1),
             probabilities=torch.nn.functional.one_hot(best, self.classes.n_classes).to(y.dtype),
             optimality=optimality[row, best],
         )
@@ -299,12 +320,19 @@ class BRDFEstimator(nn.Module):
         return self._factors
 
 
-def _rank_within(group: Tensor, rows: Sequence[Tensor]) -> Tensor:
-    """(B,) int64: the place of each photograph among those of its group."""
-    rank = torch.empty_like(group)
-    for members in rows:
-        rank[members] = torch.arange(len(members), device=group.device)
-    return rank
+def _groups(used: Tensor) -> list[Tensor]:
+    """Rows of used (B, P) that are the same, at most _TOGETHER of them."""
+    if bool((used == used[:1]).all()):
+        rows = [torch.arange(len(used), device=used.device)]
+    else:
+        masks, group = torch.unique(used, dim=0, return_inverse=True)
+        rows = [torch.nonzero(group == k).ravel() for k in range(len(masks))]
+    return [some for those in rows for some in those.split(_TOGETHER) if len(some)]
+
+
+def _squared_norm(image: Tensor) -> Tensor:
+    """Sum of squares over the last two axes, in float64."""
+    return torch.linalg.vector_norm(image, dim=(-2, -1), dtype=torch.float64).square()
 
 
 def _check_state(module: BRDFEstimator, state: Mapping[str, Any], prefix: str, *_: object) -> None:

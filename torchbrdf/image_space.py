@@ -7,6 +7,7 @@ Weights that come from the basis instead of the photograph leave the factorisati
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -22,6 +23,12 @@ _ROUNDING = 1e-12
 
 _BRIEF = 0.5
 """Up to this share of pixels left out, the Gram matrix loses them; above it is formed anew from those left."""
+
+
+def residual_scale(image: Tensor, sizes: Sequence[int]) -> Tensor:
+    """image + 0.3 mean(image) (3, P), the mean over the pixels of each photograph, whose number `sizes` tells."""
+    levels = [part.mean(-1, keepdim=True).expand_as(part) for part in image.split(list(sizes), dim=-1)]
+    return image.abs() + DARKEST * torch.cat(levels, -1).abs()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +52,13 @@ class ImageSpace:
         packed  (n, 3, P)  of one photograph, or of several one behind the other
         sizes   pixels of each photograph: each has its own mean over the pixels
         """
+        mean = packed.detach().double().mean(0)
+        return cls.weighted(packed, residual_scale(mean, sizes))
+
+    @classmethod
+    def weighted(cls, packed: Tensor, scale: Tensor) -> "ImageSpace":
+        """Factor basis images (n, 3, P) divided by any scale (3, P)."""
         y = packed.detach().double()
-        mean = y.mean(0)
-        levels = [part.mean(-1, keepdim=True).expand_as(part) for part in mean.split(list(sizes), dim=-1)]
-        scale = mean.abs() + DARKEST * torch.cat(levels, -1).abs()
         weighted = (y * _inverse(scale)).permute(1, 2, 0)
         squared, v = torch.linalg.eigh(weighted.mT @ weighted)
         squared, v = squared.flip(-1), v.flip(-1)
@@ -83,19 +93,43 @@ class ImageSpace:
         u = kept @ (v * _inverse(singular)[:, None])
         return ImageSpace(self.scale[:, used], u.float(), singular[..., None] * v.mT @ self.r)
 
+    @cached_property
+    def inverse(self) -> Tensor:
+        """(3, P): 1 / scale, 0 in a channel without light."""
+        return _inverse(self.scale)
+
+    @cached_property
+    def overlap(self) -> Tensor:
+        """(3, r, r): U^T diag(scale^2) U, what squares of differences between images are in these coordinates."""
+        columns = self.u.double() * self.scale[..., None]
+        return columns.mT @ columns
+
     def project(self, y: Tensor) -> tuple[Tensor, Tensor]:
         """Photographs (B, 3, P) -> coordinates (B, 3, r) float64, and energy (B, 3) of the weighted photographs.
 
         The product with U is made in the photographs' own precision.
         """
-        weighted = y * _inverse(self.scale).to(y.dtype)
-        coordinates = torch.einsum("bsp,spr->bsr", weighted, self.u.to(y.dtype)).double()
-        return coordinates, weighted.double().square().sum(-1)
+        weighted = y * self.inverse.to(y.dtype)
+        return self._towards(weighted), torch.linalg.vector_norm(weighted, dim=-1, dtype=torch.float64).square()
 
     def render(self, weights: Tensor, dtype: torch.dtype) -> Tensor:
-        """Y w, less what was cut: weights (*batch, 3, n) -> (*batch, 3, P)."""
-        coordinates = torch.einsum("srn,...sn->...sr", self.r, weights).to(dtype)
-        return torch.einsum("spr,...sr->...sp", self.u.to(dtype), coordinates) * self.scale.to(dtype)
+        """Y w, less what was cut: weights (B, 3, n) -> (B, 3, P)."""
+        coordinates = (weights.transpose(0, 1) @ self.r.mT).to(dtype)
+        return (coordinates @ self.u.to(dtype).mT).transpose(0, 1) * self.scale.to(dtype)
+
+    def growth(self, residual: Tensor, change: Tensor) -> Tensor:
+        """(B, K): |residual + Y change|^2 - |residual|^2, for residuals (B, 3, P) and changes of weights (B, K, 3, n).
+
+        From the coordinates alone: no image is made for it.
+        """
+        moved = (change.permute(2, 0, 1, 3).flatten(1, 2) @ self.r.mT).unflatten(1, change.shape[:2])  # (3, B, K, r)
+        slope = self._towards(residual * self.scale.to(residual.dtype)).transpose(0, 1)[:, :, None]
+        turned = (moved.flatten(1, 2) @ self.overlap).view_as(moved)
+        return ((turned + 2 * slope) * moved).sum((0, -1))
+
+    def _towards(self, image: Tensor) -> Tensor:
+        """U^T times images (B, 3, P): (B, 3, r) float64."""
+        return (image.transpose(0, 1) @ self.u.to(image.dtype)).transpose(0, 1).double()
 
 
 def _inverse(x: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from torch import Tensor
 from torchbrdf.column_sources import ROW_CELLS, MerlSource, ParameterSource, TableSource
 from torchbrdf.files import cache_folder
 from torchbrdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
-from torchbrdf.merl import GRID, N_CELLS, MerlTable
+from torchbrdf.merl import GRID, N_CELLS, MerlTable, above_horizon
 
 MIN_MATERIALS = 8
 """The fewest materials `from_merl` accepts: fewer span no space of BRDFs."""
@@ -154,6 +154,24 @@ class MaterialLibrary:
         for material in {self.materials[int(i) // 3] for i in used}:
             valid &= self._valid(material)
         return MerlTable(values.clamp_min_(0).reshape(*GRID, 3), valid, name)
+
+    def rows(self, cells: Tensor | slice) -> Tensor:
+        """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured."""
+        columns = self.column_index
+        scale = self.stored.scale[columns].to(self.stored.columns.device, torch.float32)
+        return self.stored.columns[cells].float()[:, columns] * scale
+
+    def map_rows(self, function: Callable[[Tensor], Tensor]) -> Tensor:
+        """(90, 90, 180, 3) float32: what a function of the rows of B gives in every cell, a block of cells at a time.
+
+        function  rows (N, n), see `rows` -> (N, 3)
+        Cells below the horizon, which nothing can measure, are 0.
+        """
+        values, lit = torch.zeros(N_CELLS, 3), above_horizon().ravel()
+        for start in range(0, N_CELLS, ROW_CELLS):
+            cells = start + torch.nonzero(lit[start : start + ROW_CELLS]).ravel()
+            values[cells] = function(self.rows(cells)).to(values)
+        return values.reshape(*GRID, 3)
 
     def _valid(self, material: int) -> Tensor:
         bits = np.unpackbits(self.stored.valid[material].numpy())

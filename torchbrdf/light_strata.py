@@ -5,7 +5,8 @@ each time at the median of a measure, as the median cut algorithm does [Deb05]; 
 solid angle, so that bright sources and wide dim regions are both cut finely. The points of a stratum follow the
 probe's own density, from a jittered square grid of the two random numbers.
 
-Radiance is in units of `unit`, a power of two near the probe's mean: nothing here depends on the probe's scale.
+Radiance is in units of `unit`, the probe's mean: what follows rounds alike whatever the probe's scale. (In units of a
+power of two near the mean a factor of up to two would remain, and half-precision weights would round differently.)
 """
 
 import math
@@ -33,7 +34,7 @@ _MARGIN = 1e-3
 class LightStrata:
     """K strata in an order that keeps neighbours together, with SIDE x SIDE points each, row by row.
 
-    unit        float           radiance that counts as 1
+    unit        float           radiance that counts as 1: the luminance of the probe's mean
     directions  (3, K SIDE^2)   unit vectors
     radiance    (3, K SIDE^2)
     density     (K SIDE^2,)     1/sr, of importance sampling of the whole probe
@@ -59,8 +60,7 @@ class LightStrata:
     @classmethod
     def build(cls, probe: LightProbe, generator: torch.Generator) -> "LightStrata":
         """Strata of a probe, on its device; the generator (on the CPU) places the points."""
-        mean = float(luminance(probe.mean_radiance.detach()))
-        unit = 2.0 ** math.floor(math.log2(mean))
+        unit = float(luminance(probe.mean_radiance.detach()))
         light = probe.radiance.detach() / unit
         tables = ImportanceTables.build(light)
         power = _patch_power(tables)

@@ -18,22 +18,21 @@ def check_observation(
     returns      y (B, 3, P) in the precision of the photographs, 0 where not used; used (B, P) bool; the batch axes
     """
     images = list(image) if several and not isinstance(image, Tensor) else [image]
-    masks = list(mask) if several and isinstance(mask, Sequence) else [mask] * len(images)
+    masks = list(mask) if isinstance(mask, Sequence) else [mask] * len(images)
     if len(images) != len(frames.masks) or len(masks) != len(images):
         raise ValueError(
             f"this estimator takes {len(frames.masks)} photographs of one material, with as many masks or none; "
             f"got {len(images)} and {len(masks)}"
         )
-    ys, useds = [], []
+    checked = []
     for one, its_mask, frame in zip(images, masks, frames.masks, strict=True):
         if not isinstance(one, Tensor):
             raise ValueError(f"image must be a tensor (*batch, 3, H, W), got {type(one).__name__}")
-        y, used, batch = _check_one(one, its_mask, frame)
-        if ys and (batch != first_batch or y.dtype != ys[0].dtype):
-            raise ValueError("the photographs of one material must share batch axes and precision")
-        first_batch = batch
-        ys.append(y)
-        useds.append(used)
+        checked.append(_check_one(one, its_mask, frame))
+    ys, useds, batches = zip(*checked, strict=True)
+    batch = batches[0]
+    if any((its_batch, y.dtype) != (batch, ys[0].dtype) for y, its_batch in zip(ys, batches, strict=True)):
+        raise ValueError("the photographs of one material must share batch axes and precision")
     y = torch.cat(ys, -1) if len(ys) > 1 else ys[0]
     used = torch.cat(useds, -1) if len(useds) > 1 else useds[0]
     try:
@@ -69,6 +68,9 @@ def _check_one(image: Tensor, mask: Tensor | None, frame: Tensor) -> tuple[Tenso
 
 def _check_values(y: Tensor, used: Tensor) -> None:
     values = y.detach()
+    largest = torch.where(used[:, None], values, 0).abs().amax((-2, -1))
+    if bool(((largest > 0) & (largest < float("inf"))).all()):
+        return
     unsound = int((~torch.isfinite(values).all(1) & used).sum())
     if unsound:
         raise ValueError(f"image holds {unsound} NaN or infinite pixels under the mask; mask them out")

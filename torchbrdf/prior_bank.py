@@ -10,6 +10,7 @@ Shapes: M priors, L penalties, n basis BRDFs, r coordinates of the image space, 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -87,6 +88,7 @@ class PriorBank:
     vectors    (M, 3, r, r)  its eigenvectors V
     penalties  (M, 3, L)     lambda
     mean_images (M, 3, r)    V^T R mu
+    damping     (M, 3, L, r) lambda / (lambda + eigenvalue)
     """
 
     space: ImageSpace
@@ -96,6 +98,7 @@ class PriorBank:
     vectors: Tensor
     penalties: Tensor
     mean_images: Tensor
+    damping: Tensor
 
     @classmethod
     def of(cls, space: ImageSpace, variances: Tensor) -> "PriorBank":
@@ -108,7 +111,13 @@ class PriorBank:
         trace = values.sum(-1, keepdim=True) / n
         penalties = PENALTIES.to(values.device) * torch.where(trace > 0, trace, 1)
         mean_images = torch.einsum("msrk,srn,mn->msk", vectors, space.r, means)
-        return cls(space, variances, means, values, vectors, penalties, mean_images)
+        damping = penalties[..., None] / (values[..., None, :] + penalties[..., None])
+        return cls(space, variances, means, values, vectors, penalties, mean_images, damping)
+
+    @cached_property
+    def log_damping(self) -> Tensor:
+        """(M, 3, L): sum of log damping over the directions."""
+        return self.damping.log().sum(-1)
 
     def masked(self, used: Tensor) -> "PriorBank":
         """The same priors in the space of some pixels only."""
@@ -117,18 +126,19 @@ class PriorBank:
     def explain(self, y: Tensor) -> "Explanation":
         """How every prior and penalty explains photographs (B, 3, P)."""
         coordinates, energy = self.space.project(y)
-        rotated = torch.einsum("msrk,bsr->bmsk", self.vectors, coordinates)
-        mean_energy = self.mean_images.square().sum(-1)
-        shared = (rotated * self.mean_images).sum(-1)
-        brightness = torch.where(mean_energy > 0, shared / torch.where(mean_energy > 0, mean_energy, 1), 0)
-        deviation = rotated - brightness[..., None] * self.mean_images
+        rotated = coordinates.transpose(0, 1) @ self.vectors  # (M, 3, B, r), the order that products like best
+        image = self.mean_images[:, :, None]
+        squared = image.square().sum(-1)
+        brightness = (rotated * image).sum(-1) / torch.where(squared > 0, squared, 1)
+        deviation = rotated - brightness[..., None] * image
         outside = (energy - coordinates.square().sum(-1)).clamp_min(0) + NOISE_FLOOR**2 * energy
-        damping = self.penalties[..., None] / (self.values[..., None, :] + self.penalties[..., None])
-        quadratic = outside[:, None, :, None] + torch.einsum("bmsk,mslk->bmsl", deviation.square(), damping)
-        lit = (energy > 0)[:, None, :, None]
+        quadratic = outside.mT[..., None] + deviation.square() @ self.damping.mT
+        lit = (energy > 0).mT[..., None]
         effective = y.shape[-1] / CORRELATION
-        log_evidence = 0.5 * damping.log().sum(-1) - 0.5 * effective * torch.where(lit, quadratic, 1).log()
-        return Explanation(self, brightness, deviation, quadratic, torch.where(lit, log_evidence, 0).sum(2))
+        evidence = 0.5 * self.log_damping[:, :, None] - 0.5 * effective * torch.where(lit, quadratic, 1).log()
+        log_evidence = torch.where(lit, evidence, 0).sum(1).transpose(0, 1)
+        brightness, deviation, quadratic = (part.movedim(2, 0) for part in (brightness, deviation, quadratic))
+        return Explanation(self, brightness, deviation, quadratic, log_evidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,17 +158,22 @@ class Explanation:
     log_evidence: Tensor
 
     def components(self, shares: Tensor) -> Tensor:
-        """Each prior's part (B, M', 3, n) of the posterior mean, for shares (B, M', L) of the first M' priors."""
-        bank, m = self.bank, shares.shape[1]
-        spectrum = bank.values[:m, :, None] + bank.penalties[:m, ..., None]
-        filtered = torch.einsum("bml,mslk->bmsk", shares, 1 / spectrum) * self.deviation[:, :m]
-        towards = torch.einsum("msrk,bmsk->bmsr", bank.vectors[:m], filtered)
-        deviations = torch.einsum("srn,bmsr->bmsn", bank.space.r, towards)
-        means = (shares.sum(-1)[..., None] * self.brightness[:, :m])[..., None] * bank.means[:m, None]
-        return bank.variances[:m, None] * deviations + means
+        """Each prior's part (B, M, 3, n) of the posterior mean, for shares (B, M, L)."""
+        every = torch.ones_like(shares[..., 0], dtype=torch.bool)
+        return self.parts(shares, *torch.nonzero(every, as_tuple=True)).unflatten(0, every.shape)
+
+    def parts(self, shares: Tensor, rows: Tensor, priors: Tensor) -> Tensor:
+        """The same of N pairs of photograph and prior only: (N, 3, n)."""
+        bank = self.bank
+        weight = shares.transpose(0, 1)[:, None] / bank.penalties[:, :, None]  # (M, 3, B, L)
+        filtered = (weight @ bank.damping) * self.deviation.movedim(0, 2)
+        towards = (filtered @ bank.vectors.mT)[priors, :, rows]
+        deviations = (towards.transpose(0, 1) @ bank.space.r).transpose(0, 1)
+        level = shares[rows, priors].sum(-1, keepdim=True) * self.brightness[rows, priors]
+        return bank.variances[priors, None] * deviations + level[..., None] * bank.means[priors, None]
 
     def precision(self, shares: Tensor) -> Tensor:
-        """R^T R + lambda S^-1 (B, 3, n, n) of each photograph's most probable prior (of the whole library) and penalty."""
+        """R^T R + lambda S^-1 (B, 3, n, n), with the most probable prior and penalty of each photograph."""
         bank = self.bank
         best = shares.flatten(1).argmax(1)
         m, k = best // shares.shape[2], best % shares.shape[2]

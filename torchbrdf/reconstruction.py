@@ -7,8 +7,11 @@ from torch import Tensor
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.library import MaterialLibrary
-from torchbrdf.merl import MerlTable
+from torchbrdf.merl import MerlTable, above_horizon
 from torchbrdf.posterior import Posterior, PosteriorBatch
+
+_SAMPLED = 61
+"""One cell in so many tells which directions of the weights matter to all cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,16 +89,22 @@ class Reconstruction:
         return library.combine(self.weights, "reconstruction")
 
     def image_std(self, basis: BasisImages) -> Tensor:
-        """(3, H, W): standard deviation of every pixel of the material rendered with basis images of any probe."""
+        """(3, H, W): standard deviation of every pixel of the material rendered with basis images of any probe.
+
+        The pixel is within 1.645 of these of the rendering of `weights` with a probability of 90 %; see
+        docs/uncertainty.md for how often that held. 0 outside the mask.
+        """
         if (basis.library, basis.names) != (self.library, self.names):
             raise ValueError("these basis images show another library than those of the photograph")
-        return basis.unpack(self.posterior.variance(basis.packed.permute(1, 2, 0)).sqrt())
+        return basis.unpack(self.posterior.std(basis.packed.permute(1, 2, 0)))
 
     def brdf_std(self, library: MaterialLibrary) -> Tensor:
-        """(90, 90, 180, 3): standard deviation of f_r in every cell of `brdf`, in 1/sr."""
+        """(90, 90, 180, 3) float32: standard deviation of f_r in every cell of `brdf`, in 1/sr, 0 below the horizon."""
         self._check(library)
         posterior = self.posterior
-        return library.map_rows(lambda rows: posterior.variance(rows).sqrt().T)
+        some = torch.nonzero(above_horizon().ravel()).ravel()[::_SAMPLED]
+        factor = posterior.compressed(library.rows(some))
+        return library.map_rows(lambda rows: posterior.std(rows, factor).T)
 
     @property
     def posterior(self) -> Posterior:

@@ -5,11 +5,9 @@ light probes, under directional lights, and as curves.
 """
 
 import os
-import re
 from collections.abc import Mapping
 from html import escape
 from math import isfinite, log2
-from pathlib import PurePath
 
 import numpy as np
 import torch
@@ -18,15 +16,18 @@ from torch import Tensor
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.files import writing
 from torchbrdf.library import MaterialLibrary
+from torchbrdf.observability import Observability
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.report_candidates import classes_section
 from torchbrdf.report_evidence import (
     LARGE_CLAMPED_SHARE,
     LARGE_RESIDUAL,
+    LARGE_SPREAD,
     OSCILLATION,
     SMALL_MARGIN,
+    SMALL_PROBABILITY,
     TURN_DEG,
-    Candidate,
     Evidence,
     check_parts,
     gather,
@@ -47,7 +48,10 @@ from torchbrdf.report_figures import (
     theta_h_curve,
     theta_h_plot,
 )
+from torchbrdf.report_observability import observability_section
 from torchbrdf.report_page import definitions, page, plate, section
+from torchbrdf.report_pictures import kind_of, light_picture, short_name, sphere_plate
+from torchbrdf.report_spread import NINETY, spread_section
 from torchbrdf.view import SphereView, View
 
 _SIZE = 128
@@ -56,7 +60,6 @@ _SAMPLES = 400
 
 _THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
 _N_WEIGHTS = 12
-_PROBE_ROWS = 96
 _MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
 _LUMINANCE = torch.tensor([0.2126, 0.7152, 0.0722])[:, None, None]
 
@@ -72,6 +75,7 @@ def write_report(
     probe: LightProbe,
     view: View,
     description: Mapping[str, str],
+    observability: Observability | None = None,
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> None:
@@ -82,6 +86,7 @@ def write_report(
     result       the reconstruction, a single one
     basis, library, probe, view  what it was made with
     description  settings to list, name -> value; a "title" becomes the title of the page
+    observability  what the light and the view can tell at all, for a section of its own
     size         pixels along a side of the spheres under other light
     samples      light samples a pixel for them
     Raises ValueError where the parts do not belong together; the file is whole or absent.
@@ -95,7 +100,9 @@ def write_report(
         _verdict(evidence),
         _observed(evidence, view),
         _novel(evidence),
-        _classes(evidence, view),
+        *([] if evidence.spread is None else [spread_section(evidence, view)]),
+        *([] if observability is None else [observability_section(observability)]),
+        classes_section(evidence, view),
         _curves(evidence),
         _weights(evidence),
         _settings(settings, result, basis, library),
@@ -105,24 +112,39 @@ def write_report(
 
 
 def _verdict(evidence: Evidence) -> str:
-    winner, second = evidence.winner, evidence.runner_up
-    sentences = [
-        f"Class {winner.index} explains the photograph to within <b>{winner.error:.2%}</b> (relative RMS error)."
-        if second is not None
-        else f"The only class explains the photograph to within <b>{winner.error:.2%}</b> (relative RMS error)."
-    ]
-    if second is not None:
+    found, best, second = evidence.found, evidence.best, evidence.runner_up
+    explained = f"explains the photograph to within <b>{found.error:.2%}</b> (relative RMS error)."
+    if evidence.averaged:
+        sentences = [f"The result {explained}"]
+        if second is not None and best.probability is not None:
+            sentences.append(
+                f"The most probable class is {best.index} ({best.probability:.0%}); the result averages the classes, "
+                "the whole library and neighbourhoods in it, by what the photograph says for each."
+            )
+        if evidence.spread is not None:
+            sentences.append(f"Under another light its picture is uncertain by {evidence.spread.typical:.1%}.")
+    elif second is None:
+        sentences = [f"The only class {explained}"]
+    else:
         times = f", {evidence.margin:.2f} times as much" if isfinite(evidence.margin) else ""
-        sentences.append(f"The second best, class {second.index}, leaves {second.error:.2%}{times}.")
-    sentences.append(f"{winner.clamped:.2%} of the table’s values were negative and are clamped at zero.")
+        sentences = [
+            f"Class {found.index} {explained}",
+            f"The second best, class {second.index}, leaves {second.error:.2%}{times}.",
+        ]
+    sentences.append(f"{found.clamped:.2%} of the table’s values were negative and are clamped at zero.")
     parts = [f'<p class="verdict">{" ".join(sentences)}</p>']
     if evidence.warnings:
         items = "".join(f"<li>{escape(warning)}</li>" for warning in evidence.warnings)
         parts.append(f'<div class="caution" role="note"><ul>{items}</ul></div>')
     else:
+        apart = (
+            f"a class of {SMALL_PROBABILITY:.0%} or more, uncertain by at most {LARGE_SPREAD:.0%} under another light"
+            if evidence.averaged
+            else f"runner-up at least {SMALL_MARGIN:g} times worse"
+        )
         parts.append(
-            f'<p class="soft">No warning applies: residual at most {LARGE_RESIDUAL:.0%}, runner-up at least '
-            f"{SMALL_MARGIN:g} times worse, sum of |weights| at most {OSCILLATION:g} times their sum, at most "
+            f'<p class="soft">No warning applies: residual at most {LARGE_RESIDUAL:.0%}, {apart}, sum of |weights|'
+            f" at most {OSCILLATION:g} times their sum, at most "
             f"{LARGE_CLAMPED_SHARE:.0%} clamped.</p>"
         )
     parts.append(
@@ -134,11 +156,11 @@ def _verdict(evidence: Evidence) -> str:
 
 
 def _observed(evidence: Evidence, view: View) -> str:
-    winner, used = evidence.winner, evidence.used
+    found, used = evidence.found, evidence.used
     exposure = exposure_for(evidence.photograph, used)
-    kind = _kind("large", view)
+    kind = kind_of("large", view)
     shape = view.mask.cpu()
-    difference = ((winner.fitted - evidence.photograph) * _LUMINANCE).sum(0, keepdim=True) * exposure
+    difference = ((found.fitted - evidence.photograph) * _LUMINANCE).sum(0, keepdim=True) * exposure
     spread = float(torch.quantile(difference[used].abs().float(), 0.99))
     scale = next((s for s in _MAP_SCALES if s >= spread), _MAP_SCALES[-1])
     unused = int((shape & ~used).sum())
@@ -154,11 +176,11 @@ def _observed(evidence: Evidence, view: View) -> str:
             f"<b>Photograph</b>, {used.shape[-1]} × {used.shape[-2]}.{masked}",
         ),
         plate(
-            picture(on_grey(winner.fitted, exposure, shape, shape), "the fit under the same light", exposure, kind),
-            f"<b>Fit</b>, class {winner.index}, same exposure. {errors}.",
+            picture(on_grey(found.fitted, exposure, shape, shape), "the fit under the same light", exposure, kind),
+            f"<b>Fit</b>, same exposure. {errors}.",
         ),
         plate(
-            picture(_as_display(map_colours, used, shape), "signed difference, fit minus photograph", 1.0, kind),
+            picture(on_grey(map_colours, 1.0, used, shape), "signed difference, fit minus photograph", 1.0, kind),
             "<b>Fit − photograph</b>, luminance. Blue: the fit is darker; red: brighter."
             f'<div class="scale" style="background: {diverging_css()}"></div><div class="ends">{bar_ends}</div>',
         ),
@@ -168,9 +190,9 @@ def _observed(evidence: Evidence, view: View) -> str:
         f'<p class="note">Shown with exposure × {exposure:.3g} ({stops} stops): radiance {1 / exposure:.3g}, the 99th '
         "percentile of the photograph, is white; brighter pixels are clipped. Tone curve: gamma 2.2.</p>"
     )
-    light = plate(_light(evidence.probes[0], "large"), "")
+    light = plate(light_picture(evidence.probes[0], "large"), "")
     about = (
-        f'<div><p class="note"><b>The light</b>: {escape(_short_name(evidence.probes[0]))}. Its middle lies behind the '
+        f'<div><p class="note"><b>The light</b>: {escape(short_name(evidence.probes[0]))}. Its middle lies behind the '
         f"ball, its left and right ends lie behind the camera.</p>{note}</div>"
     )
     return section(
@@ -184,17 +206,17 @@ def _novel(evidence: Evidence) -> str:
     sphere = SphereView(evidence.turned.shape[-1])
     probes = []
     for image, probe, caption in (
-        (evidence.winner.novel, evidence.probes[1], "<b>Another light</b>, torchbrdf’s studio room"),
+        (evidence.found.novel, evidence.probes[1], "<b>Another light</b>, torchbrdf’s studio room"),
         (evidence.turned, evidence.probes[2], f"<b>The photograph’s light</b>, turned {TURN_DEG:.0f}° about +Y"),
     ):
-        probes.append(_sphere(image, sphere, exposure_for(image, sphere.mask), caption))
-        probes.append(plate(_light(probe, "middle"), "the light"))
+        probes.append(sphere_plate(image, sphere, exposure_for(image, sphere.mask), caption))
+        probes.append(plate(light_picture(probe, "middle"), "the light"))
     directional = []
     for angle, image in evidence.directional.items():
         where = "from the camera" if angle == 0 else "from behind, image right"
         for exposure, what in zip(stops_for(image), (where, "beside the highlight"), strict=True):
             caption = f"{light_plan(angle)}<b>Directional, {angle:g}°</b>, {what}<br>exposure × {exposure:g}"
-            directional.append(_sphere(image, sphere, exposure, caption))
+            directional.append(sphere_plate(image, sphere, exposure, caption))
     note = (
         '<p class="note">Under the probes the 99th percentile of each picture is white. The directional lights have '
         "irradiance π: at exposure × 1 a white diffuse surface that faces the light just reaches white. Each is shown "
@@ -205,60 +227,26 @@ def _novel(evidence: Evidence) -> str:
     return section("Under light that was not photographed", *rows, note)
 
 
-def _classes(evidence: Evidence, view: View) -> str:
-    sphere = SphereView(evidence.turned.shape[-1])
-    shape = view.mask.cpu()
-    observed = exposure_for(evidence.photograph, evidence.used)
-    novel = exposure_for(evidence.winner.novel, sphere.mask)
-    frontal = stops_for(evidence.winner.frontal)[1]
-
-    def row(candidate: Candidate) -> str:
-        won = candidate.index == evidence.chosen
-        ratio = candidate.error / evidence.winner.error if evidence.winner.error > 0 else float("nan")
-        names = ", ".join(candidate.leading) or "none"
-        what = f"class {candidate.index}"
-        shots = (
-            picture(on_grey(candidate.fitted, observed, shape, shape), f"{what}: fit", observed, _kind("small", view)),
-            _ball(candidate.novel, sphere, novel, f"{what} under the default probe", "small"),
-            _ball(candidate.frontal, sphere, frontal, f"{what} under a directional light at 0 degrees", "small"),
-        )
-        cells = "".join(f'<td class="shot"><div class="plate">{shot}</div></td>' for shot in shots)
-        times = "" if won or not isfinite(ratio) else f'<br><span class="soft">× {ratio:.2f}</span>'
-        return (
-            f'<tr class="{"won" if won else ""}"><td>Class {candidate.index}<br>'
-            f"{'<span class=badge>chosen</span>' if won else ''}</td>{cells}"
-            f"<td>{candidate.error:.2%}{times}</td><td>{candidate.members}</td><td>{candidate.clamped:.2%}</td>"
-            f"<td>{escape(names)}</td></tr>"
-        )
-
-    head = (
-        "<tr><th></th><th>photograph’s light</th><th>studio room</th><th>directional, 0°</th>"
-        "<th>error on<br>photograph</th><th>basis<br>BRDFs</th><th>clamped</th><th>largest weights</th></tr>"
-    )
-    return section(
-        "Every class’s candidate",
-        "<p>Each class of materials was fitted by itself; the smallest error |Yw − y| / |y| on the photograph wins. "
-        "All rows of a column share one exposure.</p>",
-        f'<table class="classes"><thead>{head}</thead><tbody>{"".join(map(row, evidence.candidates))}</tbody></table>',
-    )
-
-
 def _curves(evidence: Evidence) -> str:
-    table = evidence.winner.table
+    table = evidence.found.table
     samples = np.concatenate([plane_of_incidence(table, theta_i)[1] for theta_i in _THETA_I_DEG])
     decades = log_range(samples)
     plots = "".join(
         f"<figure>{polar_plot(table, theta_i, decades)}<figcaption>θ<sub>i</sub> = {theta_i:g}°</figcaption></figure>"
         for theta_i in _THETA_I_DEG
     )
-    others = [theta_h_curve(candidate.table) for candidate in evidence.candidates if candidate.index != evidence.chosen]
+    others = [theta_h_curve(other.table) for other in evidence.candidates if other is not evidence.found]
     key = "".join(
         f'<span style="border-color: {colour}"></span>{name}'
         for name, colour in zip("RGB", CHANNEL_COLOURS, strict=True)
     )
-    dashed = (
-        '<span style="border-top: 1px dashed #777"></span>other classes, mean of R, G, B' if evidence.runner_up else ""
-    )
+    what = "candidates of the classes" if evidence.averaged else "other classes"
+    dashed = f'<span style="border-top: 1px dashed #777"></span>{what}, mean of R, G, B' if others else ""
+    curve, band = theta_h_curve(table), None
+    if evidence.spread is not None:
+        reach = NINETY * evidence.spread.curve.numpy()
+        band = np.maximum(curve - reach, 0.0), curve + reach
+        dashed += '<span style="border-top: 9px solid #777; opacity: .3"></span>90 % interval'
     return section(
         "The BRDF",
         "<p>f<sub>r</sub> in 1/sr, without the cosine, in the plane of incidence. The radius is the logarithm of "
@@ -267,7 +255,7 @@ def _curves(evidence: Evidence) -> str:
         f'<div class="polars">{plots}</div>',
         "<p>f<sub>r</sub> over θ<sub>h</sub> at θ<sub>d</sub> = 0 (light and camera in one direction); the axis is "
         "stretched towards the highlight as MERL’s grid is.</p>",
-        theta_h_plot(theta_h_curve(table), others),
+        theta_h_plot(curve, others, band),
         f'<p class="key note">{key}{dashed}</p>',
     )
 
@@ -289,7 +277,7 @@ def _weights(evidence: Evidence) -> str:
     shown = len(rows)
     return section(
         "The largest weights",
-        f"<p>{shown} of the {evidence.winner.members} basis BRDFs with a weight. A basis BRDF is one channel of one "
+        f"<p>{shown} of the {evidence.found.members} basis BRDFs with a weight. A basis BRDF is one channel of one "
         "material; the columns are the channels of the result.</p>",
         f'<table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}<tr class="soft"><td>all</td>{totals}</tr>'
         "</tbody></table>",
@@ -300,31 +288,3 @@ def _settings(settings: Mapping[str, str], result: Reconstruction, basis: BasisI
     made = {"materials": str(len(library)), "basis images": basis.description}
     prints = {"library": result.library, "light probe": basis.probe, "view": basis.view}
     return section("Settings and fingerprints", definitions({**settings, **made}), definitions(prints, "print"))
-
-
-def _kind(size: str, view: View) -> str:
-    return f"{size} disc" if isinstance(view, SphereView) and view.fov_deg is None else size
-
-
-def _as_display(colours: Tensor, shown: Tensor, shape: Tensor) -> Tensor:
-    return on_grey(colours, 1.0, shown, shape)
-
-
-def _ball(image: Tensor, sphere: SphereView, exposure: float, alt: str, size: str) -> str:
-    return picture(on_grey(image, exposure, sphere.mask, sphere.mask), alt, exposure, _kind(size, sphere))
-
-
-def _sphere(image: Tensor, sphere: SphereView, exposure: float, caption: str) -> str:
-    alt = re.sub(r"<svg.*</svg>|<[^>]*>", " ", caption).strip()
-    return plate(_ball(image, sphere, exposure, f"sphere: {alt}", "middle"), caption)
-
-
-def _light(probe: LightProbe, kind: str) -> str:
-    small = probe.resized(min(probe.height, _PROBE_ROWS)).radiance.cpu()
-    white = float(torch.quantile(small.amax(0), 0.93)) or float(small.max())
-    return picture(small, f"{_short_name(probe)}, lat-long", 1 / white, kind)
-
-
-def _short_name(probe: LightProbe) -> str:
-    """Its name without the folders of a file."""
-    return PurePath(probe.name.removeprefix("light probe ")).name

@@ -1,4 +1,4 @@
-"""What a report shows, before it becomes a page: the candidates of all classes, renderings, and the warnings."""
+"""What a report shows, before it becomes a page: result and candidates, renderings, spreads, and the warnings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from torchbrdf.merl import MerlTable
 from torchbrdf.metrics import relative_rms
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.report_deviations import Spread, gather_spread
 from torchbrdf.transport import render_tables
 from torchbrdf.view import SphereView, View
 
@@ -22,7 +23,13 @@ LARGE_RESIDUAL = 0.05
 """Relative error on the photograph above which the report warns."""
 
 SMALL_MARGIN = 1.1
-"""The report warns where the second best class leaves less than this times the residual of the best."""
+"""With a fixed penalty the report warns where the second best class leaves less than this times the best's residual."""
+
+SMALL_PROBABILITY = 0.8
+"""With probabilities the report warns where that of the most probable class is below this."""
+
+LARGE_SPREAD = 0.25
+"""Relative standard deviation of the picture under another light above which the report warns."""
 
 OSCILLATION = 30.0
 """The report warns where sum |w| exceeds this times |sum w|: large weights of both signs cancel each other.
@@ -44,20 +51,22 @@ _MAX_PROBE_HEIGHT = 512
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What one class makes of the photograph.
+    """What one class makes of the photograph, or the result itself.
 
-    index     the class
+    index     the class; None for a result that is none of the classes' candidates
+    probability  of the class; None for such a result, and with a fixed penalty, which has no probabilities
     members   basis BRDFs with a weight
     leading   the materials of largest weight, most important first
     error     |Y w - y| / |y| over the pixels used
     fitted    (3, H, W)  Y w
     table     the BRDF
     clamped   share of measured values at zero, where B w <= 0
-    novel     (3, N, N)  under the default probe
+    novel     (3, N, N)  under another light, see `other_light`
     frontal   (3, M, M)  under a directional light from the camera
     """
 
-    index: int
+    index: int | None
+    probability: float | None
     members: int
     leading: tuple[str, ...]
     error: float
@@ -73,18 +82,21 @@ class Evidence:
     """Everything that the report of one reconstruction shows.
 
     used         (1, H, W) bool  pixels of the photograph that count
-    candidates   one a class, in order; chosen is the index of the winner
-    weights      (n, 3) float64  of the winner
+    found        the result: the average over the priors, or with a fixed penalty the candidate of the best class
+    candidates   one a class, in order; chosen is the index of the best
+    weights      (n, 3) float64  of the result
     names        the materials behind them
-    channel_errors  |Y w - y| / |y| for R, G, B of the winner; NaN where a channel is black
-    turned       (3, N, N)  the winner under the photograph's probe turned by TURN_DEG
-    directional  angle -> (3, M, M)  the winner under directional lights, irradiance pi
-    probes       the photograph's probe, the default one, the turned one
+    channel_errors  |Y w - y| / |y| for R, G, B of the result; NaN where a channel is black
+    turned       (3, N, N)  the result under the photograph's probe turned by TURN_DEG
+    directional  angle -> (3, M, M)  the result under directional lights, irradiance pi
+    probes       the photograph's probe, another (`other_light`), its own turned
     distrust     why the shape tells too little (`BasisImages.distrust`), or None
+    spread       None with a fixed penalty, which has no posterior
     """
 
     photograph: Tensor
     used: Tensor
+    found: Candidate
     candidates: tuple[Candidate, ...]
     chosen: int
     weights: Tensor
@@ -94,24 +106,30 @@ class Evidence:
     directional: dict[float, Tensor]
     probes: tuple[LightProbe, LightProbe, LightProbe]
     distrust: str | None = None
+    spread: Spread | None = None
 
     @property
-    def winner(self) -> Candidate:
-        """The chosen candidate."""
+    def averaged(self) -> bool:
+        """Whether the result is an average over classes and other priors, and not one class's candidate."""
+        return self.found.index is None
+
+    @property
+    def best(self) -> Candidate:
+        """The candidate of the best class: the most probable; with a fixed penalty that of smallest error."""
         return self.candidates[self.chosen]
 
     @cached_property
     def runner_up(self) -> Candidate | None:
         """The second best class; None where there is only one."""
         others = [candidate for candidate in self.candidates if candidate.index != self.chosen]
-        return min(others, key=lambda candidate: candidate.error) if others else None
+        return min(others, key=lambda other: (-(other.probability or 0.0), other.error)) if others else None
 
     @property
     def margin(self) -> float:
-        """The runner-up's error over the winner's; infinite without a runner-up or without a residual."""
-        if self.runner_up is None or self.winner.error == 0:
+        """The runner-up's error over that of the best; infinite without a runner-up or without a residual."""
+        if self.runner_up is None or self.best.error == 0:
             return float("inf")
-        return self.runner_up.error / self.winner.error
+        return self.runner_up.error / self.best.error
 
     @property
     def oscillation(self) -> float:
@@ -122,17 +140,30 @@ class Evidence:
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the result, a sentence or two each."""
         found = [] if self.distrust is None else [f"{self.distrust[0].upper()}{self.distrust[1:]}."]
-        if self.winner.error > LARGE_RESIDUAL:
+        if self.found.error > LARGE_RESIDUAL:
             found.append(
-                f"The fit leaves {self.winner.error:.1%} of the photograph unexplained. The probe "
+                f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe "
                 "may be turned or scaled against the photograph, the photograph may hold clipped highlights, shadows "
                 "or reflections of things near by, or the library lacks this kind of material."
             )
-        if self.runner_up is not None and self.margin < SMALL_MARGIN:
+        second = self.runner_up
+        if second is not None and self.best.probability is not None and self.best.probability < SMALL_PROBABILITY:
             found.append(
-                f"Class {self.runner_up.index} fits almost as well as class {self.chosen} "
-                f"({self.runner_up.error:.2%} against {self.winner.error:.2%}): the choice could have gone the other "
+                f"The photograph does not tell the class: class {self.chosen} has a probability of "
+                f"{self.best.probability:.0%}, class {second.index} of {second.probability:.0%}. The result lies "
+                "between them. Compare the two below."
+            )
+        elif second is not None and self.best.probability is None and self.margin < SMALL_MARGIN:
+            found.append(
+                f"Class {second.index} fits almost as well as class {self.chosen} "
+                f"({second.error:.2%} against {self.best.error:.2%}): the choice could have gone the other "
                 "way. Compare the two below."
+            )
+        if self.spread is not None and self.spread.typical > LARGE_SPREAD:
+            found.append(
+                f"Under another light the picture is uncertain by {self.spread.typical:.0%} (one standard deviation): "
+                "this photograph leaves much of the BRDF to the library. A light with more contrast, or a second "
+                "photograph under another light, would tell more."
             )
         if self.oscillation > OSCILLATION:
             found.append(
@@ -140,9 +171,9 @@ class Evidence:
                 "positive and negative weights cancel each other. That fits this photograph and rarely any other; a "
                 "larger penalty helps."
             )
-        if self.winner.clamped > LARGE_CLAMPED_SHARE:
+        if self.found.clamped > LARGE_CLAMPED_SHARE:
             found.append(
-                f"{self.winner.clamped:.1%} of the table's values came out negative and were set to zero. "
+                f"{self.found.clamped:.1%} of the table's values came out negative and were set to zero. "
                 "Look for black spots and rings under the directional lights."
             )
         return found
@@ -184,7 +215,7 @@ def gather(
     size: int,
     samples: int,
 ) -> Evidence:
-    """Tables and renderings of all candidates, on the CPU.
+    """Tables and renderings of the result and of all candidates, on the CPU.
 
     size     pixels along a side of the spheres under light that was not observed
     samples  light transport samples a pixel for them
@@ -192,21 +223,28 @@ def gather(
     probe = probe.to("cpu")
     used = mask.cpu() & basis.mask.cpu()
     y = photograph.detach().cpu()
-    class_weights = result.class_weights.detach().cpu().double()
-    fits = basis.unpack(torch.einsum("kns,nsp->ksp", class_weights.to(basis.packed), basis.packed)).cpu()
-    errors = (result.class_errors / result.energy).detach().cpu().clamp_min(0).sqrt()
-    tables = [result.candidate(j, library) for j in range(len(class_weights))]
     chosen = int(result.class_index)
+    averaged = result.posteriors is not None or not torch.equal(result.weights, result.class_weights[chosen])
     sphere = SphereView(size)
-    default = LightProbe.default()
+    other = other_light(probe)
     turned = probe.resized(min(probe.height, _MAX_PROBE_HEIGHT)).rotated(turn_about_y(TURN_DEG))
-    novel = render_tables(tables, default, sphere, samples)
-    candidates = tuple(
+
+    k = len(result.class_weights)
+    tables = [result.candidate(j, library) for j in range(k)]
+    weights = list(result.class_weights.detach().cpu().double())
+    squared = list(result.class_errors.detach().cpu())
+    if averaged:
+        tables, weights = [*tables, result.brdf(library)], [*weights, result.weights.detach().cpu().double()]
+        squared = [*squared, result.error.detach().cpu()]
+    fits = basis.unpack(torch.einsum("kns,nsp->ksp", torch.stack(weights).to(basis.packed), basis.packed)).cpu()
+    novel = render_tables(tables, other, sphere, samples)
+    made = tuple(
         Candidate(
-            index=j,
-            members=int((class_weights[j] != 0).any(-1).sum()),
-            leading=leading_materials(class_weights[j], result.names, 3),
-            error=float(errors[j]),
+            index=j if j < k else None,
+            probability=None if j == k or result.posteriors is None else float(result.class_probabilities[j]),
+            members=int((weights[j] != 0).any(-1).sum()),
+            leading=leading_materials(weights[j], result.names, 3),
+            error=float((squared[j] / result.energy.detach().cpu()).clamp_min(0).sqrt()),
             fitted=fits[j],
             table=table,
             clamped=clamped_share(table),
@@ -215,26 +253,35 @@ def gather(
         )
         for j, table in enumerate(tables)
     )
+    found = made[k if averaged else chosen]
     return Evidence(
         photograph=y,
         used=used,
-        candidates=candidates,
+        found=found,
+        candidates=made[:k],
         chosen=chosen,
-        weights=class_weights[chosen],
+        weights=weights[k if averaged else chosen],
         names=result.names,
         channel_errors=tuple(
-            relative_rms(fits[chosen, c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
+            relative_rms(found.fitted[c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
         ),
-        turned=render_tables([tables[chosen]], turned, sphere, samples)[0],
+        turned=render_tables([found.table], turned, sphere, samples)[0],
         directional={
-            angle: candidates[chosen].frontal
+            angle: found.frontal
             if angle == DIRECTIONAL_ANGLES[0]
-            else render_directional(tables[chosen], sphere, angle, irradiance=pi)
+            else render_directional(found.table, sphere, angle, irradiance=pi)
             for angle in DIRECTIONAL_ANGLES
         },
-        probes=(probe, default, turned),
+        probes=(probe, other, turned),
         distrust=basis.distrust,
+        spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
     )
+
+
+def other_light(probe: LightProbe) -> LightProbe:
+    """A probe that is not this one: the default, turned by half where the photograph was taken under it."""
+    default = LightProbe.default()
+    return default.rotated(turn_about_y(180.0)) if default.fingerprint == probe.fingerprint else default
 
 
 def turn_about_y(angle_deg: float) -> Tensor:

@@ -23,6 +23,9 @@ _CHANNEL_WIDTHS = (2.6, 1.7, 0.9)
 DIVERGING = ((0.02, 0.19, 0.38), (0.26, 0.58, 0.76), (0.97, 0.97, 0.97), (0.84, 0.38, 0.30), (0.40, 0.0, 0.12))
 """Display colours from -scale over 0 to +scale."""
 
+SEQUENTIAL = ((0.97, 0.97, 0.95), (0.99, 0.85, 0.55), (0.93, 0.55, 0.25), (0.70, 0.20, 0.15), (0.35, 0.0, 0.10))
+"""Display colours from 0 to the scale."""
+
 
 def diverging_css() -> str:
     """The colours of `signed_map` as a CSS gradient, left to right."""
@@ -70,13 +73,29 @@ def on_grey(image: Tensor, exposure: float, shown: Tensor, shape: Tensor) -> Ten
     return torch.where(known, values, SURROUND**DISPLAY_GAMMA / exposure)
 
 
+def sequential_css() -> str:
+    """The colours of `spread_map` as a CSS gradient, left to right."""
+    stops = (f"rgb({', '.join(str(round(255 * c)) for c in colour)})" for colour in SEQUENTIAL)
+    return f"linear-gradient(to right, {', '.join(stops)})"
+
+
+def spread_map(share: Tensor, scale: float, shown: Tensor) -> Tensor:
+    """Linear colours (3, H, W) of shares (1, H, W) from 0 (near white) to `scale` (dark); the surround elsewhere."""
+    return torch.where(shown, _between(SEQUENTIAL, (share / scale).clamp(0, 1)), SURROUND) ** DISPLAY_GAMMA
+
+
+def _between(stops: Sequence[tuple[float, float, float]], position: Tensor) -> Tensor:
+    """Display colours (3, H, W) at positions (1, H, W) of 0 to 1 between stops at equal distances."""
+    colours = torch.tensor(stops)
+    place = position.float() * (len(colours) - 1)
+    lower = place.floor().clamp_max(len(colours) - 2).long()
+    return torch.lerp(colours[lower[0]], colours[lower[0] + 1], (place - lower)[0, ..., None]).movedim(-1, 0)
+
+
 def signed_map(difference: Tensor, scale: float, shown: Tensor) -> Tensor:
     """Linear colours (3, H, W) of a signed scalar (1, H, W): blue below, red above, near white at 0."""
-    stops = torch.tensor(DIVERGING)
-    position = ((difference / scale).clamp(-1, 1) + 1) / 2 * (len(stops) - 1)
-    lower = position.floor().clamp_max(len(stops) - 2).long()
-    colours = torch.lerp(stops[lower[0]], stops[lower[0] + 1], (position - lower)[0, ..., None]).movedim(-1, 0)
-    return torch.where(shown, colours, SURROUND) ** DISPLAY_GAMMA
+    position = ((difference / scale).clamp(-1, 1) + 1) / 2
+    return torch.where(shown, _between(DIVERGING, position), SURROUND) ** DISPLAY_GAMMA
 
 
 def picture(image: Tensor, alt: str, exposure: float = 1.0, kind: str = "") -> str:
@@ -154,10 +173,17 @@ def theta_h_curve(table: MerlTable) -> np.ndarray:
     return table.filled.reshape(*GRID, 3)[:, 0].mean(1).cpu().numpy()
 
 
-def theta_h_plot(chosen: np.ndarray, others: Sequence[np.ndarray]) -> str:
-    """f_r over theta_h at theta_d = 0 on a log axis: the chosen class in R, G, B, the others in grey."""
+def theta_h_plot(
+    found: np.ndarray, others: Sequence[np.ndarray], band: tuple[np.ndarray, np.ndarray] | None = None
+) -> str:
+    """f_r over theta_h at theta_d = 0 on a log axis: the result in R, G, B, others in grey.
+
+    found, others  (90, 3), see `theta_h_curve`
+    band           lower and upper bound (90, 3), drawn as an area
+    """
     width, height, left, bottom = 640.0, 250.0, 46.0, 30.0
-    low, high = log_range(np.concatenate([chosen, *others]))
+    shown = [found, *others] if band is None else [found, band[1], *others]
+    low, high = log_range(np.concatenate(shown))
     theta_h = cell_centres()[0].ravel().numpy()
 
     def across(angle: np.ndarray | float) -> np.ndarray:
@@ -176,10 +202,14 @@ def theta_h_plot(chosen: np.ndarray, others: Sequence[np.ndarray]) -> str:
         x = float(across(radians(angle)))
         parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="10" y2="{height - bottom}" class="grid"/>')
         parts.append(f'<text x="{x:.1f}" y="{height - bottom + 14}" class="tick middle">{angle}°</text>')
+    for channel in range(3 if band is not None else 0):
+        lower, upper = (np.column_stack([across(theta_h), up(bound[:, channel])]) for bound in band or ())
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in np.concatenate([upper, lower[::-1]]))
+        parts.append(f'<polygon points="{path}" fill="{CHANNEL_COLOURS[channel]}" class="band"/>')
     for other in others:
         parts.append(_polyline(zip(across(theta_h), up(other.mean(1)), strict=True), "#9a9a9a", 1.0, "5 3"))
     for channel in range(3):
-        points = zip(across(theta_h), up(chosen[:, channel]), strict=True)
+        points = zip(across(theta_h), up(found[:, channel]), strict=True)
         parts.append(_polyline(points, CHANNEL_COLOURS[channel], _CHANNEL_WIDTHS[channel]))
     label = "f_r against theta_h at theta_d = 0, logarithmic"
     return (

@@ -48,6 +48,7 @@ td { vertical-align: top; font-variant-numeric: tabular-nums; }
 table.classes td { vertical-align: middle; }
 table.classes td.shot { padding-right: 10px; }
 table.classes .plate { padding: 8px; width: 128px; }
+tr.found td { background: #f6f5f1; }
 tr.won td:first-child { box-shadow: inset 3px 0 #2a8c4a; }
 tr td:first-child, tr th:first-child { padding-left: 12px; }
 .badge { display: inline-block; background: #2a8c4a; color: #fff; font-size: 12px; padding: 0 7px;
@@ -65,6 +66,7 @@ svg .axis { stroke: #8a8780; stroke-width: .8; }
 svg .mirror { stroke: #b9b6ae; stroke-width: .8; stroke-dasharray: 2 3; }
 svg .ray { stroke: #c58a00; stroke-width: 1.6; }
 svg .lamp { fill: #f0b400; stroke: #c58a00; }
+svg .band { opacity: .16; }
 svg .ball { fill: #8f8f8f; } svg .camera { fill: var(--ink); }
 .key span { display: inline-block; width: 22px; height: 0; border-top: 3px solid; margin: 0 5px 3px 16px; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 3px 22px; font-size: 14px; }

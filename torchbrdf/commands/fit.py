@@ -4,12 +4,14 @@ import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+
+from torch import Tensor
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.commands.inputs import about, open_library, open_probe, open_view
-from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator
+from torchbrdf.constraints import Constraint
+from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator, Penalty
 from torchbrdf.files import writing, writing_folder
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
@@ -20,16 +22,24 @@ from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.transport import render_basis
 from torchbrdf.view import SphereView, View
 
-PENALTY_HELP = f'lambda of the prior, a number >= 0, or "paper" (0.5); default: {DEFAULT_PENALTY}'
+PENALTY_HELP = f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
+CONSTRAINT_HELP = (
+    "nonnegative weights; convex: they also sum to 1; energy: a BRDF >= 0 that reflects no more than it gets"
+)
 
 
-def penalty(text: str) -> float | Literal["paper"]:
+def penalty(text: str) -> Penalty:
     """Parse `--penalty`."""
+    if text == "auto":
+        return "auto"
     if text == "paper":
         return "paper"
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
     if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f'must be "paper" or a number >= 0, got {text}')
+        raise argparse.ArgumentTypeError(f'must be "auto", "paper" or a number >= 0, got {text}')
     return value
 
 
@@ -43,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         probe = open_probe(options)
         library = open_library(options)
         basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
-        fitted = fit(observation, probe, library, options.penalty, view, basis)
+        fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
         settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
         write_results(folder, fitted, probe, library, settings)
     print(summary(fitted))
@@ -81,24 +91,33 @@ class Fit:
     result: Reconstruction
     table: MerlTable
 
+    @property
+    def image(self) -> Tensor:
+        """(3, H, W): the photograph as the weights explain it."""
+        image = self.result.image
+        return image[0] if isinstance(image, tuple) else image
+
 
 def fit(
     observation: Observation,
     probe: LightProbe,
     library: MaterialLibrary,
-    penalty: float | Literal["paper"] = DEFAULT_PENALTY,
+    penalty: Penalty = DEFAULT_PENALTY,
     view: View | None = None,
     basis: BasisImages | None = None,
+    constraint: Constraint | None = None,
+    robust: bool = False,
 ) -> Fit:
     """Render the basis, solve, and expand the table.
 
+    penalty, constraint, robust  as `BRDFEstimator` takes them
     view   default: an orthographic sphere
     basis  rendered before, with this library, probe and view
     """
     view = view or SphereView(observation.image.shape[-1])
     basis = basis or render_basis(library, probe, view, progress=True)
     classes = MaterialClasses.fit(library)
-    estimator = BRDFEstimator(basis, classes, penalty)
+    estimator = BRDFEstimator(basis, classes, penalty, constraint=constraint, library=library, robust=robust)
     result = estimator(observation.image, observation.mask)
     return Fit(observation, view, basis, classes, estimator, result, result.brdf(library))
 
@@ -110,7 +129,7 @@ def write_results(
     from torchbrdf.report import write_report
 
     fitted.table.save(folder / "brdf.binary")
-    write_image(folder / "fitted.exr", fitted.result.image)
+    write_image(folder / "fitted.exr", fitted.image)
     with writing(folder / "weights.json") as path:
         path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")
     write_report(
@@ -125,6 +144,8 @@ def write_results(
         description=settings
         | {
             "penalty": str(fitted.estimator.penalty),
+            "constraint": str(fitted.estimator.constraint or "none"),
+            "outliers": "left out" if fitted.estimator.robust else "used",
             "classes": f"{fitted.classes.sizes} basis BRDFs",
             "basis images": fitted.basis.description,
         },
@@ -138,21 +159,25 @@ def weights_record(fitted: Fit) -> dict[str, object]:
     names = fitted.result.names
     return {
         "class": int(fitted.result.class_index),
+        "class_probabilities": fitted.result.class_probabilities.tolist(),
         "class_errors": fitted.result.class_errors.tolist(),
         "relative_error": float(fitted.result.relative_error),
         "penalty": fitted.estimator.penalty,
+        "constraint": fitted.estimator.constraint,
+        "robust": fitted.estimator.robust,
         "library": fitted.result.library,
         "normal_coverage": fitted.basis.normal_coverage,
-        "weights": [
-            {"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used
-        ],
+        "weights": [{"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used],
     }
 
 
 def summary(fitted: Fit) -> str:
     """One line on what was found."""
-    j = int(fitted.result.class_index)
-    return (
-        f"class {j} of {fitted.classes.n_classes} ({fitted.classes.sizes[j]} basis BRDFs), "
-        f"relative error on the photograph {float(fitted.result.relative_error):.2%}"
-    )
+    result = fitted.result
+    j = int(result.class_index)
+    if result.posteriors is None:
+        what = f"class {j} of {fitted.classes.n_classes} ({fitted.classes.sizes[j]} basis BRDFs)"
+    else:
+        n_classes, probability = fitted.classes.n_classes, float(result.class_probabilities[j])
+        what = f"most probable of {n_classes} classes: {j} ({fitted.classes.sizes[j]} basis BRDFs), {probability:.0%}"
+    return f"{what}; relative error on the photograph {float(result.relative_error):.2%}"

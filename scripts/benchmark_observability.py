@@ -1,0 +1,120 @@
+#!/usr/bin/env python3
+"""Claim: the verdict on a light, made before any photograph, foretells the error under other light.
+
+    python scripts/benchmark_observability.py --library merl
+
+Lights: the probes, torchbrdf's own room, a constant, a vertical gradient, one texel, and the first probe mixed with the
+constant, share by share. Under each, every `step`-th material of the library is left out, photographed with 1 % noise
+(rendered with other random numbers than the basis), and the result rendered under the probes: the error is the mean of
+|rendered - truth| / |truth| over those other than the light itself.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from accuracy_report import markdown
+from benchmark_calibration import whole_without
+from leave_one_out_scenes import noisy_observations
+from targets import default_probes, open_probes
+from torch import Tensor
+from tqdm import tqdm
+
+import torchbrdf as tb
+from torchbrdf.observability import observability
+
+SHARES = (0.3, 0.1, 0.03, 0.01)
+"""Of the first probe's mean radiance in the mixtures with uniform light."""
+
+
+def artificial(height: int = 32) -> dict[str, tb.LightProbe]:
+    """A constant, a gradient from above to below, one texel above the horizon beside the camera."""
+    constant = torch.ones(3, height, 2 * height)
+    texel = torch.zeros(3, height, 2 * height)
+    texel[:, height // 4, height // 4] = 1
+    gradient = constant * torch.linspace(2, 0.01, height)[:, None]
+    return {
+        name: tb.LightProbe(one)
+        for name, one in zip(("uniform", "gradient", "one texel"), (constant, gradient, texel), strict=True)
+    }
+
+
+def mixed(one: tb.BasisImages, other: tb.BasisImages, share: float) -> tb.BasisImages:
+    """Basis images under `share` of one light and the rest of another, at equal brightness."""
+    level = other.packed.mean() / one.packed.mean()
+    return replace(one, packed=share * level * one.packed + (1 - share) * other.packed, probe=f"{share} {one.probe}")
+
+
+def novel_error(
+    name: str,
+    light: tuple[tb.BasisImages, tb.BasisImages],
+    probes: dict[str, tuple[tb.BasisImages, tb.BasisImages]],
+    library: tb.MaterialLibrary,
+    classes: tb.MaterialClasses,
+    step: int,
+) -> float:
+    """Mean over left-out materials and probes other than the light; pairs are basis images and independent ones."""
+    errors: list[Tensor] = []
+    for material in library.names[::step]:
+        less = library.without(material)
+        estimator = tb.BRDFEstimator(light[0].without(material), whole_without(classes, less))
+        packed = noisy_observations(light[1].pack(light[1].image(material)).double(), [1.0], f"{material} {name}")
+        weights = estimator(light[0].unpack(packed[0])).weights
+        for other, (basis, again) in probes.items():
+            if other not in name:
+                shown = torch.einsum("nc,ncp->cp", weights, basis.without(material).packed.double())
+                truth = again.pack(again.image(material)).double()
+                errors.append((shown - truth).norm() / truth.norm())
+    return float(torch.stack(errors).mean())
+
+
+def run(options: argparse.Namespace) -> None:
+    """Render, judge and compare."""
+    folder = options.library
+    library = tb.MaterialLibrary.default() if folder is None else tb.MaterialLibrary.from_merl(folder)
+    probes = open_probes(options.probes or default_probes())
+    view, classes = tb.SphereView(options.size), tb.MaterialClasses.fit(library)
+    rendered = {}
+    every = {**probes, "room": tb.LightProbe.default(), **artificial()}
+    for name, light in tqdm(every.items(), desc="basis", leave=False):
+        rendered[name] = tuple(tb.render_basis(library, light, view, seed=seed) for seed in (0, 77))
+    first = next(iter(probes))
+    lights = dict(rendered)
+    for share in SHARES:
+        pair = zip(rendered[first], rendered["uniform"], strict=True)
+        lights[f"{share:.0%} {first}, rest uniform"] = tuple(mixed(a, b, share) for a, b in pair)
+    rows = []
+    for name, light in tqdm(lights.items(), desc="lights", leave=False):
+        found = observability(tb.BRDFEstimator(light[0], classes).bank, classes)
+        error = novel_error(name, light, {key: rendered[key] for key in probes}, library, classes, options.step)
+        freedom = ", ".join(f"{one:.0f}" for one in found.freedom)
+        verdict = found.verdict.split(":")[0]
+        rows.append([name, freedom, f"{found.whole:.0f}", f"{found.highlight:.2f}", f"{100 * error:.1f}", verdict])
+    rows.sort(key=lambda row: float(row[3]))
+    print(
+        markdown(["light", "freedom of the classes", "of the library", "highlight", "novel error, %", "verdict"], rows)
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
+    parser.add_argument("--probes", nargs="+", type=Path, metavar="FILE", help="default: 7 of ../shared/data/probes")
+    parser.add_argument("--step", type=int, default=8, help="every so many materials")
+    parser.add_argument("--size", type=int, default=64, help="pixels along a side")
+    try:
+        run(parser.parse_args(argv))
+    except (OSError, ValueError) as error:
+        print(f"benchmark_observability: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

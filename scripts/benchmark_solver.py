@@ -1,0 +1,413 @@
+#!/usr/bin/env python3
+"""Claim: an RGB image of 64 x 64, all classes and priors, takes at most 5 ms, 20 times less than looped least squares.
+
+    GOMP_SPINCOUNT=5000 python scripts/benchmark_solver.py [--library DIR] [--probe FILE] [--device cuda]
+
+The basis is factored before, except where a row says otherwise. The rival is `torch.linalg.lstsq` with each of its
+drivers in float64 on the augmented system [Y; sqrt(lambda) I], for the paper's lambda, one class and colour channel at
+a time: the light has a colour, so every channel has basis images of its own, and the channels cannot be right sides
+of one system. Its systems are built outside its clock. Photographs: renderings of materials of the library with noise.
+
+Every row: median over the repeats after a warm-up, from the 10th to the 90th percentile, in ms a photograph; beside it
+the relative RMS difference of the fitted image and of a re-rendering under another light (the same turned by 180
+degrees) to the row that the part calls its reference.
+"""
+
+import argparse
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+import torchbrdf as tb
+from torchbrdf import image_space
+from torchbrdf.estimator import PAPER_PENALTY
+from torchbrdf.image_space import ImageSpace
+from torchbrdf.merl import N_CELLS
+from torchbrdf.prior_bank import Explanation, PriorBank
+from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge
+from torchbrdf.transport import plan_transport
+
+DRIVERS = ("gels", "gelsy", "gelsd", "gelss")
+BATCHES = (1, 4, 16, 64, 256)
+CUTS = (1e-7, 1e-6, 1e-5, 5e-5, 5e-4, 5e-3)
+"""Truncations; the first is the reference of all others."""
+KEPT = {"1 % left out": 0.99, "half left": 0.5, "1 % left": 0.01}
+LEAST = (1e-3, 1e-6, 1e-12)
+MARGIN = 1e-3
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line: what was timed, seconds of every repeat, and for how many photographs; the rest is text."""
+
+    part: str
+    what: str
+    seconds: Sequence[float] = ()
+    photographs: int = 1
+    fitted: float | None = None
+    novel: float | None = None
+    remark: str = ""
+
+    @property
+    def median(self) -> float:
+        """Milliseconds a photograph."""
+        return 1e3 * statistics.median(self.seconds) / self.photographs
+
+    def noted(self, apart: tuple[float, float], remark: str = "") -> "Row":
+        """With the errors of the fitted image and of the one under the other light."""
+        return replace(self, fitted=apart[0], novel=apart[1], remark=remark)
+
+    def cells(self) -> list[str]:
+        """As the table prints it."""
+        ordered = sorted(self.seconds)
+        ends = [1e3 * ordered[round(q * (len(ordered) - 1))] / self.photographs for q in (0.1, 0.9)] if ordered else []
+        clock = [f"{self.median:.3f}", f"{ends[0]:.3f}-{ends[1]:.3f}"] if ordered else ["", ""]
+        errors = ["" if error is None else f"{error:.1e}" for error in (self.fitted, self.novel)]
+        return [self.part, self.what, *clock, *errors, self.remark]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Basis images under a light and under another, classes, and noisy photographs (B, 3, H, W) of materials."""
+
+    library: tb.MaterialLibrary
+    probe: tb.LightProbe
+    view: tb.SphereView
+    basis: tb.BasisImages
+    novel: tb.BasisImages
+    classes: tb.MaterialClasses
+    photographs: Tensor
+    repeats: int
+
+    @classmethod
+    def of(
+        cls, library: tb.MaterialLibrary, probe: tb.LightProbe, size: int, samples: int, repeats: int, count: int = 256
+    ) -> "Scene":
+        """Photographs: the materials of the library in turn, with 1 % of noise."""
+        view = tb.SphereView(size)
+        turned = probe.rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))
+        basis, novel = (tb.render_basis(library, light, view, samples=samples) for light in (probe, turned))
+        g = torch.Generator().manual_seed(0)
+        channels = basis.packed.unflatten(0, (-1, 3))
+        own = torch.stack([channels[:, c, c] for c in range(3)], 1)[torch.arange(count) * 37 % len(library.names)]
+        noisy = own * (1 + 0.01 * torch.randn(own.shape, generator=g))
+        return cls(library, probe, view, basis, novel, tb.MaterialClasses.fit(library), basis.unpack(noisy), repeats)
+
+    def estimator(self, **options: object) -> tb.BRDFEstimator:
+        """One that has its factors."""
+        estimator = tb.BRDFEstimator(self.basis, self.classes, **options)  # type: ignore[arg-type]
+        with torch.no_grad():
+            estimator(self.photographs[0])
+        return estimator
+
+    def timed(self, work: Callable[[], object], least: int = 3) -> list[float]:
+        """Seconds of every repeat, after a warm-up."""
+        for _ in range(3):
+            work()
+        seconds = []
+        for _ in range(max(least, self.repeats)):
+            start = time.perf_counter()
+            work()
+            seconds.append(time.perf_counter() - start)
+        return seconds
+
+    def apart(self, weights: Tensor, reference: Tensor) -> tuple[float, float]:
+        """How far renderings of weights (B, n, 3) are from those of others: fitted, and under the other light."""
+        pairs = []
+        for basis in (self.basis, self.novel):
+            a, b = (torch.einsum("nsp,bns->bsp", basis.packed.double(), w.double()) for w in (weights, reference))
+            pairs.append(float((a - b).norm() / b.norm()))
+        return pairs[0], pairs[1]
+
+    def pixels(self, count: int) -> Tensor:
+        """Photographs (count, 3, P) float64 over the pixels of the view."""
+        return self.basis.pack(self.photographs[:count]).double()
+
+
+def against_lstsq(scene: Scene) -> Iterator[Row]:
+    """One photograph against looped least squares; the fixed penalty of this estimator is the error's reference."""
+    image, paper = scene.photographs[0].double(), scene.estimator(penalty="paper")
+    expected = paper(image).class_weights
+    systems = list(augmented(scene, scene.pixels(1)[0]))
+    fastest = float("inf")
+    for driver in DRIVERS:
+
+        def loop(driver: str = driver) -> list[Tensor]:
+            return [torch.linalg.lstsq(system, target, driver=driver).solution for *_, system, target in systems]
+
+        row = Row("one image", f"lstsq, {driver}, looped", scene.timed(loop))
+        found = torch.zeros_like(expected)
+        for (j, s, *_), solution in zip(systems, loop(), strict=True):
+            found[j, scene.classes.members(j), s] = solution[:, 0]
+        yield row.noted(scene.apart(found, expected), f"{len(systems)} systems, all classes")
+        fastest = min(fastest, row.median)
+    row = Row("one image", "fixed penalty, factored", scene.timed(lambda: paper(image)), fitted=0.0, novel=0.0)
+    yield replace(row, remark=f"{fastest / row.median:.0f} x the fastest lstsq")
+    default, single = scene.estimator(), scene.photographs[0]
+    row = Row("one image", "default, float32 photograph", scene.timed(lambda: default(single)))
+    apart = scene.apart(default(single).weights[None], default(image).weights[None])
+    yield row.noted(apart, f"{fastest / row.median:.0f} x the fastest lstsq; error: to float64")
+
+
+def augmented(scene: Scene, y: Tensor) -> Iterator[tuple[int, int, Tensor, Tensor]]:
+    """Class, channel, [Y; sqrt(lambda) I] and [y; sqrt(lambda) mu'] for a photograph (3, P)."""
+    for j in range(scene.classes.n_classes):
+        members = scene.classes.members(j)
+        root = balance(PAPER_PENALTY, y.square().sum(-1), len(members)).sqrt()
+        prior = prior_mean(len(members), like=y)
+        for s in range(3):
+            damping = root[s] * torch.eye(len(members), dtype=torch.float64)
+            system = torch.cat([scene.basis.packed[members, s].double().T, damping])
+            yield j, s, system, torch.cat([y[s], root[s] * prior])[:, None]
+
+
+def batches(scene: Scene) -> Iterator[Row]:
+    """Photographs together; the reference is each alone."""
+    for name in ("auto", "paper"):
+        estimator, first = scene.estimator(penalty=name), 0.0
+        for count in (b for b in BATCHES if b <= len(scene.photographs)):
+            some = scene.photographs[:count]
+            row = Row("batches", f'"{name}", {count}', scene.timed(partial(estimator, some)), count)
+            first = first or row.median
+            alone = torch.stack([estimator(one).weights for one in some[:4]])
+            apart = scene.apart(estimator(some).weights[:4], alone)
+            yield row.noted(apart, f"{first / row.median:.1f} x cheaper than alone")
+
+
+def factors(scene: Scene) -> Iterator[Row]:
+    """A new light: from basis images to the first answer."""
+    for name in ("auto", "paper"):
+
+        def fresh(name: str = name) -> Reconstruction:
+            return tb.BRDFEstimator(scene.basis, scene.classes, penalty=name)(scene.photographs[0])  # type: ignore[arg-type]
+
+        yield Row("new light", f'"{name}": factors and the first image', scene.timed(fresh))
+
+
+def masks(scene: Scene) -> Iterator[Row]:
+    """Updating the factors against forming them anew from the cropped basis images, the reference."""
+    bank, g = scene.estimator().bank, torch.Generator().manual_seed(1)
+    pixels = scene.basis.packed.shape[-1]
+    for name, share in KEPT.items():
+        used = torch.zeros(pixels, dtype=torch.bool)
+        used[torch.randperm(pixels, generator=g)[: max(1, round(share * pixels))]] = True
+        cropped = scene.basis.packed[..., used]
+        anew = Row("mask", f"{name}, anew", scene.timed(partial(of_cropped, cropped, bank.space, used)))
+        update = Row("mask", f"{name}, updated", scene.timed(partial(bank.space.masked, used)))
+        y = scene.pixels(8)[..., used]
+        weights = [
+            mean_weights(PriorBank.of(space, bank.variances).explain(y))
+            for space in (bank.space.masked(used), of_cropped(cropped, bank.space, used))
+        ]
+        yield replace(anew, fitted=0.0, novel=0.0)
+        yield update.noted(scene.apart(*weights), f"{anew.median / update.median:.1f} x")
+        yield Row("mask", f"{name}, updated, with all priors", scene.timed(partial(bank.masked, used)))
+
+
+def of_cropped(cropped: Tensor, whole: ImageSpace, used: Tensor) -> ImageSpace:
+    return ImageSpace.weighted(cropped, whole.scale[:, used])
+
+
+def mean_weights(found: Explanation, least: float = 0.0) -> Tensor:
+    """Posterior mean (B, n, 3); of priors more probable than `least` only."""
+    shares = torch.softmax(found.log_evidence.flatten(1), 1).reshape(found.log_evidence.shape)
+    if least:
+        keep = torch.nonzero((shares.sum(-1) > least).any(0)).ravel()
+        found, shares = some_priors(found, keep), shares[:, keep]
+    return found.components(shares).sum(1).mT
+
+
+def some_priors(found: Explanation, keep: Tensor) -> Explanation:
+    bank = found.bank
+    parts = {f.name: getattr(bank, f.name)[keep] for f in fields(bank) if f.name != "space"}
+    own = {f.name: getattr(found, f.name)[:, keep] for f in fields(found) if f.name != "bank"}
+    return replace(found, bank=replace(bank, **parts), **own)
+
+
+def truncation(scene: Scene) -> Iterator[Row]:
+    """Directions below the noise."""
+    some, default, reference = scene.photographs[:16].double(), image_space.CUT, None
+    try:
+        for cut in CUTS:
+            image_space.CUT = cut
+            estimator = scene.estimator()
+            weights = estimator(some).weights
+            reference = weights if reference is None else reference
+            rank = estimator.bank.space.u.shape[-1]
+            space = scene.timed(lambda: ImageSpace.of(scene.basis.packed, [scene.basis.packed.shape[-1]]))
+            bank = scene.timed(partial(PriorBank.of, estimator.bank.space, estimator.bank.variances))
+            total = 1e3 * (statistics.median(space) + statistics.median(bank))
+            row = Row("truncation", f"CUT = {cut:.0e}", scene.timed(partial(estimator, scene.photographs[0])))
+            remark = f"{rank} directions, factors {total:.0f} ms" + (", the default" if cut == default else "")
+            yield row.noted(scene.apart(weights, reference), remark)
+    finally:
+        image_space.CUT = default
+
+
+def precision(scene: Scene) -> Iterator[Row]:
+    """Photographs and their projection in float32 and float64, the reference."""
+    estimator, some = scene.estimator(), scene.photographs[:16]
+    reference = estimator(some.double()).weights
+    for dtype in (torch.float64, torch.float32):
+        batch = some.to(dtype)
+        row = Row("precision", f"{dtype}".removeprefix("torch."), scene.timed(partial(estimator, batch)), len(some))
+        yield row.noted(scene.apart(estimator(batch).weights, reference))
+
+
+def skipped_priors(scene: Scene) -> Iterator[Row]:
+    """From evidence to weights: all priors, the reference, and those probable for one of the photographs only."""
+    bank = scene.estimator().bank
+    for count in (1, 16):
+        with torch.no_grad():
+            found = bank.explain(scene.pixels(count))
+        whole = Row("priors", f"all, {count} images", scene.timed(partial(mean_weights, found)), count)
+        yield replace(whole, fitted=0.0, novel=0.0, remark=f"{len(bank.variances)} priors")
+        for least in LEAST:
+            row = Row("priors", f"above {least:.0e}", scene.timed(partial(mean_weights, found, least)), count)
+            apart = scene.apart(mean_weights(found, least), mean_weights(found))
+            yield row.noted(apart, f"{whole.median - row.median:.3f} ms less")
+
+
+def skipped_classes(scene: Scene) -> Iterator[Row]:
+    """The fixed penalty: a class cannot win whose residual without any penalty is above the best so far."""
+    members = [scene.classes.members(j) for j in range(scene.classes.n_classes)]
+    bases = [scene.basis.packed[rows].double() for rows in members]
+    solved = [GramFactor.of(basis) for basis in bases]
+    photographs = scene.pixels(16)
+
+    def winners(skip: bool) -> tuple[list[int], int]:
+        best, solves = [], 0
+        for y in photographs:
+            energy = y.square().sum(-1)
+            projections = [torch.einsum("nsp,sp->sn", basis, y) for basis in bases]
+            bounds = [0.0] * len(bases)
+            if skip:
+                bounds = [lower_bound(f, p, energy) for f, p in zip(solved, projections, strict=True)]
+            errors: dict[int, float] = {}
+            for j in sorted(range(len(bases)), key=bounds.__getitem__):
+                if errors and bounds[j] >= min(errors.values()):
+                    break
+                prior, strength = prior_mean(len(members[j]), like=y), balance(PAPER_PENALTY, energy, len(members[j]))
+                weights = ridge(solved[j], projections[j], prior, strength)
+                errors[j] = float((torch.einsum("nsp,sn->sp", bases[j], weights) - y).square().sum())
+            best.append(min(errors, key=errors.__getitem__))
+            solves += len(errors)
+        return best, solves
+
+    whole = Row("classes", "all solved", scene.timed(lambda: winners(False)), len(photographs))
+    yield replace(whole, fitted=0.0, novel=0.0, remark="fixed penalty, one photograph at a time")
+    row = Row("classes", "those that can win", scene.timed(lambda: winners(True)), len(photographs))
+    (expected, total), (found, solves) = winners(False), winners(True)
+    same = sum(a == b for a, b in zip(expected, found, strict=True))
+    yield replace(row, remark=f"{solves} of {total} solves; the same winner in {same} of {len(found)}")
+
+
+def lower_bound(factor: GramFactor, projection: Tensor, energy: Tensor) -> float:
+    """|y|^2 less the energy of its projection on the span of a class, a little below for rounding."""
+    rotated = (factor.vectors.mT @ projection[..., None])[..., 0]
+    kept = factor.values > 1e-12 * factor.values[:, :1]
+    inside = torch.where(kept, rotated.square() / torch.where(kept, factor.values, 1), 0).sum(-1)
+    return float((energy - inside).sum() * (1 - MARGIN))
+
+
+def light_and_cells(scene: Scene, samples: int) -> Iterator[Row]:
+    """Basis images: texels without energy are not drawn, cells that no sample touches are not read."""
+    radiance = scene.probe.radiance
+    level = radiance.sum(0).flatten().quantile(0.9)
+    lamps = tb.LightProbe(torch.where(radiance.sum(0) >= level, radiance, 0))
+    for name, probe in (("the whole light", scene.probe), ("its brightest tenth, the rest black", lamps)):
+        start = time.perf_counter()
+        plan = plan_transport(scene.library.stored.columns, probe, scene.view, samples, 0)
+        touched, drawn, lost = torch.zeros(N_CELLS, dtype=torch.bool), 0, 0
+        for _, transport in plan.blocks():
+            touched[transport.cells.flatten().long()] = True
+            drawn += transport.cells.numel()
+            lost += int((transport.weights == 0).all(0).sum())
+        remark = (
+            f"{float(touched.float().mean()):.0%} of the cells touched, {lost / drawn:.0%} of the samples without light"
+        )
+        yield Row("basis", name, [time.perf_counter() - start], remark=f"{remark}; once, samples only")
+
+
+def memory(library: Path | None, size: int, samples: int) -> Iterator[Row]:
+    """Peak memory of `render_basis` in a process of its own; pages of the mapped library can be given back."""
+    opened = f"tb.MaterialLibrary.from_merl({str(library)!r})" if library else "tb.MaterialLibrary.default()"
+    code = (
+        f"import torchbrdf as tb\nlibrary = {opened}\n"
+        f"tb.render_basis(library, tb.LightProbe.default(), tb.SphereView({size}), samples={samples})\n"
+        "lines = dict(line.split(':') for line in open('/proc/self/status'))\n"
+        "print(*(int(lines[key].split()[0]) for key in ('VmHWM', 'RssFile', 'RssAnon')))\n"
+        "print(library.stored.columns.nbytes)"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    peak, mapped, own = (int(value) / 2**10 for value in out[:3])
+    remark = f"peak {peak:.0f} MiB, at the end {mapped:.0f} of files, {own:.0f} of its own"
+    yield Row("basis", f"memory, library of {int(out[3]) / 2**20:.0f} MiB", remark=remark)
+
+
+def on_cuda(scene: Scene) -> Iterator[Row]:
+    """The same on the accelerator; the reference is the CPU."""
+    some = scene.photographs[:64]
+    for name in ("auto", "paper"):
+        expected = scene.estimator(penalty=name)(some).weights
+        there = tb.BRDFEstimator(scene.basis.to("cuda"), scene.classes, penalty=name)  # type: ignore[arg-type]
+        for count in (1, len(some)):
+            batch = some[:count].cuda()
+
+            def work(batch: Tensor = batch, there: tb.BRDFEstimator = there) -> Tensor:
+                weights = there(batch).weights
+                torch.cuda.synchronize()
+                return weights
+
+            row = Row("CUDA", f'"{name}", {count}', scene.timed(work), count)
+            yield row.noted(scene.apart(work().cpu(), expected[:count]), "error: to the CPU")
+
+
+def measure(scene: Scene, samples: int, device: str) -> Iterator[Row]:
+    """All parts but the memory of another process."""
+    with torch.no_grad():
+        for part in (against_lstsq, batches, factors, masks, truncation, precision, skipped_priors, skipped_classes):
+            yield from part(scene)
+        yield from light_and_cells(scene, samples)
+        if device == "cuda" and torch.cuda.is_available():
+            yield from on_cuda(scene)
+        else:
+            yield Row("CUDA", "not run")
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Markdown."""
+    head = ["part", "what", "ms a photograph", "10-90 %", "fitted", "novel light", "remark"]
+    lines = [head, ["---", "---", "---:", "---:", "---:", "---:", "---"], *(row.cells() for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
+    parser.add_argument("--probe", type=Path, help="lat-long image; default: the built-in light")
+    parser.add_argument("--size", type=int, default=64)
+    parser.add_argument("--samples", type=int, default=4096, help="of the basis images, a pixel")
+    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    options = parser.parse_args(argv)
+    library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
+    probe = tb.LightProbe.open(options.probe) if options.probe else tb.LightProbe.default()
+    scene = Scene.of(library, probe, options.size, options.samples, options.repeats)
+    rows = [*measure(scene, options.samples, options.device), *memory(options.library, options.size, options.samples)]
+    print(f"{library!r}, {probe!r}, {torch.get_num_threads()} threads, {options.repeats} repeats\n")
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
