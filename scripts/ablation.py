@@ -32,6 +32,7 @@ from tqdm import tqdm
 import torchbrdf as tb
 from torchbrdf import image_space, prior_bank
 from torchbrdf.constraints import constrain
+from torchbrdf.estimator import Penalty
 from torchbrdf.image_space import ImageSpace, residual_scale
 from torchbrdf.metrics import relative_rms
 from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances
@@ -116,7 +117,7 @@ class Variation:
     own: bool = False
     photograph: bool = False
     positive: bool = False
-    fixed: float | str | None = None
+    fixed: Penalty | None = None
     one_class: bool = False
 
 
@@ -158,8 +159,7 @@ def changed(constants: Mapping[str, object]) -> Iterator[None]:
 def fit(variation: Variation, basis: tb.BasisImages, classes: tb.MaterialClasses, y: Tensor) -> Tensor:
     """Weights (B, n, 3) of photographs (B, 3, P)."""
     if variation.fixed is not None:
-        penalty = variation.fixed if variation.fixed == "paper" else float(variation.fixed)
-        estimator = tb.BRDFEstimator(basis, classes, penalty)
+        estimator = tb.BRDFEstimator(basis, classes, variation.fixed)
         return estimator(basis.unpack(y)).weights
     with changed(variation.constants):
         space = ImageSpace.of(basis.packed, [y.shape[-1]])

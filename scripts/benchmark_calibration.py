@@ -36,7 +36,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.posterior import INFLATION, UNMODELLED
+from torchbrdf.posterior import INFLATION, UNMODELLED, class_probabilities
 from torchbrdf.transport import DEFAULT_SAMPLES
 
 Z_90, Z_50 = 1.645, 0.6745
@@ -202,10 +202,15 @@ def measured(experiment: Experiment, levels: Sequence[float]) -> list[Case]:
 
 @dataclass(frozen=True)
 class Naming:
-    """What class was named, how surely, and which it was."""
+    """How surely a class was named, how surely its plain evidence names it, and whether it was right."""
 
     certainty: float
+    plain: float
     right: bool
+
+
+def _certainties(evidence: Tensor, pixels: int) -> tuple[Tensor, Tensor]:
+    return class_probabilities(evidence, 1).max(), class_probabilities(evidence, pixels).max()
 
 
 def left_out(
@@ -231,9 +236,15 @@ def left_out(
             estimator = tb.BRDFEstimator(less[probe], classes)
             observed = noisy_observations(truth[probe].double(), levels, f"{material} {probe}")
             results = estimator(view.unpack(observed))
+            posteriors = results.posteriors
+            if posteriors is None:
+                raise ValueError("the default penalty must give posteriors for its class probabilities to be judged")
+            explanation, _, pixels = posteriors.groups[0]
+            evidence = explanation.log_evidence[:, : classes.n_classes]
             for k, level in enumerate(levels):
-                named = results.class_probabilities[k]
-                namings.append(Naming(float(named.max()), int(named.argmax()) == label))
+                plain, tempered = (float(p) for p in _certainties(evidence[k : k + 1], pixels))
+                right = int(torch.logsumexp(evidence[k], -1).argmax()) == label
+                namings.append(Naming(tempered, plain, right))
                 for novel in probes:
                     if novel != probe:
                         cases.append(compare(results[k], less[novel], truth[novel], material, probe, novel, level))
@@ -268,7 +279,15 @@ def reliability(namings: Sequence[Naming]) -> str:
             said = sum(naming.certainty for naming in some) / len(some)
             right = sum(naming.right for naming in some) / len(some)
             rows.append([f"{low:g} to {min(high, 1):g}", str(len(some)), f"{said:.2f}", f"{right:.2f}"])
-    rows.append(["all", str(len(namings)), "", f"{sum(naming.right for naming in namings) / len(namings):.2f}"])
+    plain = sum(naming.plain for naming in namings) / len(namings)
+    rows.append(
+        [
+            f"all; plain evidence says {plain:.2f}",
+            str(len(namings)),
+            "",
+            f"{sum(naming.right for naming in namings) / len(namings):.2f}",
+        ]
+    )
     return markdown(["probability named", "photographs", "mean", "right"], rows)
 
 

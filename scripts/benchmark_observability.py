@@ -30,6 +30,10 @@ SHARES = (0.3, 0.1, 0.03, 0.01)
 """Of the first probe's mean radiance in the mixtures with uniform light."""
 
 
+Pair = tuple[tb.BasisImages, tb.BasisImages]
+"""Basis images under one light, twice with different random numbers."""
+
+
 def artificial(height: int = 32) -> dict[str, tb.LightProbe]:
     """A constant, a gradient from above to below, one texel above the horizon beside the camera."""
     constant = torch.ones(3, height, 2 * height)
@@ -50,8 +54,8 @@ def mixed(one: tb.BasisImages, other: tb.BasisImages, share: float) -> tb.BasisI
 
 def novel_error(
     name: str,
-    light: tuple[tb.BasisImages, tb.BasisImages],
-    probes: dict[str, tuple[tb.BasisImages, tb.BasisImages]],
+    light: Pair,
+    probes: dict[str, Pair],
     library: tb.MaterialLibrary,
     classes: tb.MaterialClasses,
     step: int,
@@ -77,19 +81,19 @@ def run(options: argparse.Namespace) -> None:
     library = tb.MaterialLibrary.default() if folder is None else tb.MaterialLibrary.from_merl(folder)
     probes = open_probes(options.probes or default_probes())
     view, classes = tb.SphereView(options.size), tb.MaterialClasses.fit(library)
-    rendered = {}
+    rendered: dict[str, Pair] = {}
     every = {**probes, "room": tb.LightProbe.default(), **artificial()}
     for name, light in tqdm(every.items(), desc="basis", leave=False):
-        rendered[name] = tuple(tb.render_basis(library, light, view, seed=seed) for seed in (0, 77))
+        rendered[name] = tb.render_basis(library, light, view), tb.render_basis(library, light, view, seed=77)
     first = next(iter(probes))
     lights = dict(rendered)
     for share in SHARES:
-        pair = zip(rendered[first], rendered["uniform"], strict=True)
-        lights[f"{share:.0%} {first}, rest uniform"] = tuple(mixed(a, b, share) for a, b in pair)
+        one, other = rendered[first], rendered["uniform"]
+        lights[f"{share:.0%} {first}, rest uniform"] = mixed(one[0], other[0], share), mixed(one[1], other[1], share)
     rows = []
-    for name, light in tqdm(lights.items(), desc="lights", leave=False):
-        found = observability(tb.BRDFEstimator(light[0], classes).bank, classes)
-        error = novel_error(name, light, {key: rendered[key] for key in probes}, library, classes, options.step)
+    for name, pair in tqdm(lights.items(), desc="lights", leave=False):
+        found = observability(tb.BRDFEstimator(pair[0], classes).bank, classes)
+        error = novel_error(name, pair, {key: rendered[key] for key in probes}, library, classes, options.step)
         freedom = ", ".join(f"{one:.0f}" for one in found.freedom)
         verdict = found.verdict.split(":")[0]
         rows.append([name, freedom, f"{found.whole:.0f}", f"{found.highlight:.2f}", f"{100 * error:.1f}", verdict])

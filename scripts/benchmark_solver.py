@@ -359,7 +359,7 @@ def on_cuda(scene: Scene) -> Iterator[Row]:
     some = scene.photographs[:64]
     for name in ("auto", "paper"):
         expected = scene.estimator(penalty=name)(some).weights
-        there = tb.BRDFEstimator(scene.basis.to("cuda"), scene.classes, penalty=name)  # type: ignore[arg-type]
+        there = tb.BRDFEstimator(scene.basis.to("cuda"), scene.classes, penalty=name)
         for count in (1, len(some)):
             batch = some[:count].cuda()
 

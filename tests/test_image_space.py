@@ -170,6 +170,18 @@ class TestPhotographs:
         assert [image.dtype for image in pair] == [torch.float32, torch.float64]
         assert torch.allclose(pair[0].double(), pair[1], rtol=1e-5)
 
+    def test_growth_of_the_squares_without_an_image(self):
+        """|residual + Y change|^2 - |residual|^2, written out."""
+        packed = images()
+        space = ImageSpace.of(packed, [PIXELS])
+        g = torch.Generator().manual_seed(6)
+        residual = torch.randn(2, 3, PIXELS, generator=g, dtype=torch.float64)
+        change = torch.randn(2, 4, 3, 9, generator=g, dtype=torch.float64)
+        moved = residual[:, None] + torch.einsum("nsp,bksn->bksp", packed.double(), change)
+        expected = moved.square().sum((-2, -1)) - residual.square().sum((-2, -1))[:, None]
+        assert torch.allclose(space.growth(residual, change), expected, rtol=1e-5)
+        assert torch.allclose(space.growth(residual.float(), change), expected, rtol=1e-4)
+
 
 class TestMasked:
     @pytest.mark.parametrize("share", [0.97, 0.8, 0.5, 0.35, 0.2])

@@ -143,6 +143,21 @@ def test_verdicts(packed, classes, highlight, start):
     assert f"about {found.whole:.0f} numbers a channel stand out of 1.0% noise" in line
 
 
+def test_shadow_is_said(packed, classes):
+    images = packed["room"].clone()
+    p = images.shape[-1]
+    images[..., : p // 2] = 0
+    for images_of_two in (images, torch.cat([images, images * 1e-3], -1)):  # two exposures have two levels
+        space = ImageSpace.of(images_of_two, [p] * (images_of_two.shape[-1] // p))
+        found = observability(PriorBank.of(space, bank_of(images, classes).variances), classes)
+        assert found.dark == pytest.approx((p // 2) / p)
+        assert "50% of the picture lies in shadow" in found.verdict
+        assert found.verdict.startswith("tells gloss from albedo where light falls: ")
+    lit = observability(bank_of(packed["room"], classes), classes)
+    assert lit.dark == 0
+    assert "shadow" not in lit.verdict
+
+
 def test_less_noise_tells_more(packed, classes):
     bank = bank_of(packed["room"], classes)
     fine, coarse = (observability(bank, classes, noise=noise) for noise in (0.001, 0.1))
@@ -213,7 +228,7 @@ class Tags(HTMLParser):
 def example(seen: Tensor | None) -> Observability:
     """Numbers that are easy to find again."""
     angles = torch.linspace(1, 88, 18)
-    return Observability(0.01, torch.tensor([3.25, 7.75]), 12.5, 0.1, seen, angles, angles)
+    return Observability(0.01, torch.tensor([3.25, 7.75]), 12.5, 0.1, 0.0, seen, angles, angles)
 
 
 def test_section_shows_verdict_freedom_and_every_cell():

@@ -191,6 +191,13 @@ class TestComponents:
             assert float(components[:, j, :, ~MEMBERSHIP[j]].abs().max()) == 0
             assert float(components[:, j, :, MEMBERSHIP[j]].abs().min()) > 0
 
+    def test_of_some_pairs_only(self):
+        found = bank_of(images()).explain(photographs())
+        shares = torch.softmax(found.log_evidence, -1)
+        rows, priors = torch.tensor([1, 0, 1]), torch.tensor([4, 0, 2])
+        expected = found.components(shares)[rows, priors]
+        assert torch.allclose(found.parts(shares, rows, priors), expected, rtol=1e-9, atol=1e-12)
+
     def test_linear_in_the_shares(self):
         found = bank_of(images()).explain(photographs())
         g = torch.Generator().manual_seed(0)

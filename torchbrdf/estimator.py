@@ -14,7 +14,8 @@ from torchbrdf.constraints import CONSTRAINTS, Constraint, constrain
 from torchbrdf.energy_bounds import EnergyBounds
 from torchbrdf.image_space import ImageSpace
 from torchbrdf.library import MaterialLibrary
-from torchbrdf.observation import check_observation
+from torchbrdf.observability import Observability, observability
+from torchbrdf.observation import check_observation, groups_by_mask
 from torchbrdf.packing import Frames
 from torchbrdf.posterior import PosteriorBatch
 from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances
@@ -36,10 +37,6 @@ OUTLIER = 8.0
 """With `robust`, pixels whose residual is above this many robust standard deviations are left out."""
 
 _ROUNDS = 5
-
-_TOGETHER = 32
-"""Photographs solved at a time: temporaries of more leave the processor's cache."""
-
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
@@ -156,6 +153,10 @@ class BRDFEstimator(nn.Module):
             self._bank, self._masked_bank = PriorBank.of(space, variances), None
         return self._bank
 
+    def observability(self, library: MaterialLibrary | None = None) -> Observability:
+        """What the light and the view can tell about a material, before any photograph; with a library also by cell."""
+        return observability(self.bank, self.classes, library)
+
     def forward(
         self, image: Tensor | Sequence[Tensor], mask: Tensor | Sequence[Tensor | None] | None = None
     ) -> Reconstruction:
@@ -173,7 +174,7 @@ class BRDFEstimator(nn.Module):
         if self.robust and len(y):
             used = self._without_outliers(y, used)
             y = torch.where(used[:, None], y, 0)
-        groups = _groups(used)
+        groups = groups_by_mask(used)
         solutions = [self._solve(y[rows], used[rows[0]]) for rows in groups]
         if not groups:
             solutions = [self._solve(y, torch.ones(y.shape[-1], dtype=torch.bool, device=y.device))]
@@ -318,16 +319,6 @@ class BRDFEstimator(nn.Module):
         if self._factors is None or self._factors[0].values.device != basis.device:
             self._factors = self._class_factors(basis, cached=False)
         return self._factors
-
-
-def _groups(used: Tensor) -> list[Tensor]:
-    """Rows of used (B, P) that are the same, at most _TOGETHER of them."""
-    if bool((used == used[:1]).all()):
-        rows = [torch.arange(len(used), device=used.device)]
-    else:
-        masks, group = torch.unique(used, dim=0, return_inverse=True)
-        rows = [torch.nonzero(group == k).ravel() for k in range(len(masks))]
-    return [some for those in rows for some in those.split(_TOGETHER) if len(some)]
 
 
 def _squared_norm(image: Tensor) -> Tensor:

@@ -18,6 +18,13 @@ HARDLY = 0.5
 """And below which it hardly can. Uniform light removes 0.1, a vertical gradient 0.25, measured probes 0.5 to 0.75; the
 error under other light at what lies between: docs/uncertainty.md."""
 
+SHADOWED = 0.25
+"""Share of the pixels without light above which the verdict says so: one slice of the BRDF is no whole, whatever the
+library makes of it. Measured probes leave none dark, one lamp behind the object 0.7."""
+
+_DARK = 0.05
+"""Of a pixel's weighted mean basis image, which is 0.77 at the mean radiance and below 1."""
+
 PHI_D = 90
 """phi_d in degrees of the cells shown."""
 
@@ -41,8 +48,9 @@ class Observability:
     whole      the same of the whole library
     highlight  0 ... 1: share removed by the photograph of what is open, at a given brightness of the photograph, about
                |f_r|, which the highlight rules
-    seen       (18, 18)  the same for single cells of the BRDF at phi_d = 90 degrees, rows theta_h, columns theta_d;
-               NaN below the horizon; None without a library
+    dark       0 ... 1: share of the pixels that no light reaches
+    seen       (18, 18)  the share removed for single cells of the BRDF at phi_d = 90 degrees, rows theta_h, columns
+               theta_d; NaN below the horizon; None without a library
     theta_h, theta_d  (18,)  degrees of these
     """
 
@@ -50,6 +58,7 @@ class Observability:
     freedom: Tensor
     whole: float
     highlight: float
+    dark: float
     seen: Tensor | None
     theta_h: Tensor
     theta_d: Tensor
@@ -60,12 +69,15 @@ class Observability:
         if self.whole == 0:
             return "no light on the object: tells nothing"
         numbers = f"about {self.whole:.0f} numbers a channel stand out of {self.noise:.1%} noise"
+        if self.dark > SHADOWED:
+            numbers += f"; {self.dark:.0%} of the picture lies in shadow: light from more sides"
         share = f"removes {self.highlight:.0%} of what is open about the highlight"
         if self.highlight < CANNOT:
             return f"cannot tell gloss from albedo: {share}; {numbers}; use light with edges or small bright lamps"
         if self.highlight < HARDLY:
             return f"hardly tells gloss from albedo: {share}; {numbers}; brighter lamps on more sides would help"
-        return f"tells gloss from albedo: {share}; {numbers}"
+        but = " where light falls" if self.dark > SHADOWED else ""
+        return f"tells gloss from albedo{but}: {share}; {numbers}"
 
 
 def observability(
@@ -110,6 +122,9 @@ def observability(
     common = (brightness * even * size).sum(-1) / _positive((brightness.square() * even).sum(-1))
     highlight = float(removed((size - common[:, None] * brightness)[:, None])[0])
 
+    mean_image = (bank.space.u.to(even) @ bank.space.r.mean(-1, keepdim=True))[..., 0]
+    dark = float(((mean_image < _DARK).to(even).mean(-1) * share).sum())
+
     theta_h, theta_d, phi_d = cell_centres()
     h, d = (torch.arange(_STEP // 2, size, _STEP) for size in GRID[:2])
     seen = None
@@ -123,6 +138,7 @@ def observability(
         freedom=freedom[:k].cpu(),
         whole=float(freedom[k + _WHOLE]),
         highlight=highlight,
+        dark=dark,
         seen=seen,
         theta_h=theta_h.ravel()[h] * degrees(1),
         theta_d=theta_d.ravel()[d] * degrees(1),

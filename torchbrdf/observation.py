@@ -7,6 +7,9 @@ from torch import Tensor
 
 from torchbrdf.packing import Frames
 
+_TOGETHER = 32
+"""Photographs solved at a time: temporaries of more leave the processor's cache."""
+
 
 def check_observation(
     image: Tensor | Sequence[Tensor], mask: Tensor | Sequence[Tensor | None] | None, frames: Frames, several: bool
@@ -42,6 +45,16 @@ def check_observation(
             raise RuntimeError("torch.func.vmap is not supported: pass the whole batch (*batch, 3, H, W)") from None
         raise
     return torch.where(used[:, None], y, 0), used, batch
+
+
+def groups_by_mask(used: Tensor) -> list[Tensor]:
+    """Rows of used (B, P) that are the same, at most _TOGETHER of them."""
+    if bool((used == used[:1]).all()):
+        rows = [torch.arange(len(used), device=used.device)]
+    else:
+        masks, group = torch.unique(used, dim=0, return_inverse=True)
+        rows = [torch.nonzero(group == k).ravel() for k in range(len(masks))]
+    return [some for those in rows for some in those.split(_TOGETHER) if len(some)]
 
 
 def _check_one(image: Tensor, mask: Tensor | None, frame: Tensor) -> tuple[Tensor, Tensor, torch.Size]:

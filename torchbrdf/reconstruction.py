@@ -53,7 +53,8 @@ class Reconstruction:
     @property
     def relative_error(self) -> Tensor:
         """(*batch): |Y w - y| / |y|. Small does not mean right: see `class_errors`, `posterior`."""
-        return torch.sqrt(self.error / self.energy)
+        share = self.error / self.energy
+        return torch.where(share > 0, torch.where(share > 0, share, 1).sqrt(), 0)  # no gradient from a residual of 0
 
     def __len__(self) -> int:
         """The size of the first batch axis."""

@@ -141,6 +141,7 @@ def write_results(
         library=library,
         probe=probe,
         view=fitted.view,
+        observability=fitted.estimator.observability(library),
         description=settings
         | {
             "penalty": str(fitted.estimator.penalty),
