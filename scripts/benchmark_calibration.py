@@ -21,7 +21,7 @@ import argparse
 import itertools
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,7 @@ DARKEST = 0.3
 SETTINGS = tuple((a, b) for a in (1.0, 2.0, 2.5, 3.0) for b in (0.0, UNMODELLED))
 """INFLATION and UNMODELLED, the default among them."""
 
-CONSTANTS = tuple(0.01 * 1.25**i for i in range(16))
+CONSTANTS = tuple(0.0025 * 1.25**i for i in range(22))
 PIXEL_STEP = 5
 """Every fifth pixel is compared: cases are correlated far beyond that."""
 
@@ -200,6 +200,9 @@ def measured(experiment: Experiment, levels: Sequence[float]) -> list[Case]:
     return cases
 
 
+Bases = dict[str, tb.BasisImages]
+
+
 @dataclass(frozen=True)
 class Naming:
     """How surely a class was named, how surely its plain evidence names it, and whether it was right."""
@@ -214,14 +217,13 @@ def _certainties(evidence: Tensor, pixels: int) -> tuple[Tensor, Tensor]:
 
 
 def left_out(
-    library: tb.MaterialLibrary, probes: Mapping[str, tb.LightProbe], options: argparse.Namespace, others: int
+    library: tb.MaterialLibrary, bases: Bases, again: Bases, options: argparse.Namespace, others: int
 ) -> tuple[list[Case], list[Naming]]:
-    """Cases of every `step`-th material, left out together with the `others` that look most like it."""
+    """Cases of every `step`-th material, left out together with the `others` that look most like it.
+
+    bases, again  basis images under each probe, and such with other random numbers, whose materials are the targets
+    """
     view, step, levels = tb.SphereView(options.size), options.step, options.noise
-    bases, again = {}, {}
-    for name, light in tqdm(probes.items(), desc="basis", leave=False):
-        bases[name] = tb.render_basis(library, light, view)
-        again[name] = tb.render_basis(library, light, view, samples=4 * DEFAULT_SAMPLES, seed=77)
     angles = likeness(next(iter(bases.values())))
     whole = tb.MaterialClasses.fit(library)
     cases, namings = [], []
@@ -232,7 +234,7 @@ def left_out(
         truth = {name: view.pack(one.image(material)) for name, one in again.items()}
         less = {name: one.without(*dropped) for name, one in bases.items()}
         label = int(whole.labels.reshape(-1, 3)[i].mode().values)
-        for probe in probes:
+        for probe in bases:
             estimator = tb.BRDFEstimator(less[probe], classes)
             observed = noisy_observations(truth[probe].double(), levels, f"{material} {probe}")
             results = estimator(view.unpack(observed))
@@ -245,7 +247,7 @@ def left_out(
                 plain, tempered = (float(p) for p in _certainties(evidence[k : k + 1], pixels))
                 right = int(torch.logsumexp(evidence[k], -1).argmax()) == label
                 namings.append(Naming(tempered, plain, right))
-                for novel in probes:
+                for novel in bases:
                     if novel != probe:
                         cases.append(compare(results[k], less[novel], truth[novel], material, probe, novel, level))
     return cases, namings
@@ -295,8 +297,14 @@ def run(options: argparse.Namespace) -> None:
     probes = open_probes(options.probes or default_probes())
     folder = options.library
     library = tb.MaterialLibrary.default() if folder is None else tb.MaterialLibrary.from_merl(folder)
+    bases: Bases = {}
+    again: Bases = {}
+    for name, light in tqdm(probes.items() if options.leave_out else (), desc="basis", leave=False):
+        view = tb.SphereView(options.size)
+        bases[name] = tb.render_basis(library, light, view)
+        again[name] = tb.render_basis(library, light, view, samples=4 * DEFAULT_SAMPLES, seed=77)
     for others in options.leave_out or ():
-        cases, namings = left_out(library, probes, options, others)
+        cases, namings = left_out(library, bases, again, options, others)
         print(f"\nleft out with the {others} most like it: {len(cases)} cases, in per cent\n\n{scores(cases)}")
         print(f"\nthe class named, left out with {others}\n\n{reliability(namings)}")
     if options.leave_out:

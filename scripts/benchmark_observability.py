@@ -3,10 +3,10 @@
 
     python scripts/benchmark_observability.py --library merl
 
-Lights: the probes, torchbrdf's own room, a constant, a vertical gradient, one texel, and the first probe mixed with the
-constant, share by share. Under each, every `step`-th material of the library is left out, photographed with 1 % noise
-(rendered with other random numbers than the basis), and the result rendered under the probes: the error is the mean of
-|rendered - truth| / |truth| over those other than the light itself.
+Lights: the probes, torchbrdf's own room, a constant, a vertical gradient, one texel before and one behind the object,
+and the first probe mixed with the constant, share by share. Under each, every `step`-th material of the library is left
+out, photographed with 1 % noise (rendered with other random numbers than the basis), and the result rendered under the
+probes: the error is the mean of |rendered - truth| / |truth| over those other than the light itself.
 """
 
 import argparse
@@ -35,15 +35,16 @@ Pair = tuple[tb.BasisImages, tb.BasisImages]
 
 
 def artificial(height: int = 32) -> dict[str, tb.LightProbe]:
-    """A constant, a gradient from above to below, one texel above the horizon beside the camera."""
+    """A constant, a gradient from above to below, one texel on the camera's side and one behind the object."""
     constant = torch.ones(3, height, 2 * height)
-    texel = torch.zeros(3, height, 2 * height)
-    texel[:, height // 4, height // 4] = 1
-    gradient = constant * torch.linspace(2, 0.01, height)[:, None]
-    return {
-        name: tb.LightProbe(one)
-        for name, one in zip(("uniform", "gradient", "one texel"), (constant, gradient, texel), strict=True)
-    }
+    lights = {"uniform": constant, "gradient": constant * torch.linspace(2, 0.01, height)[:, None]}
+    for name, row, column in (
+        ("lamp in front", 3 * height // 8, 15 * height // 16),
+        ("lamp behind", height // 4, height // 4),
+    ):
+        lights[name] = torch.zeros_like(constant)
+        lights[name][:, row, column] = 1
+    return {name: tb.LightProbe(radiance) for name, radiance in lights.items()}
 
 
 def mixed(one: tb.BasisImages, other: tb.BasisImages, share: float) -> tb.BasisImages:

@@ -66,6 +66,7 @@ def experiment(script: ModuleType, library: tb.MaterialLibrary, bases: list[tb.B
     light, lit = script.directional_scene(library, tb.SphereView(12), 0)
     return script.Experiment(
         library=library,
+        bases=bases,
         scenes=[script.Scene.of(f"probe {i}", basis.packed) for i, basis in enumerate(bases)],
         targets=[torch.stack([basis.packed[c::3, c] for c in range(3)], dim=1) for basis in bases],
         lights=[light, light],
@@ -80,14 +81,14 @@ def experiment(script: ModuleType, library: tb.MaterialLibrary, bases: list[tb.B
 
 
 def test_methods_have_names(script: ModuleType) -> None:
-    names = ["naive", "paper", "single-0.05", "classes-1e-3", "classes-0", "single-0"]
+    names = ["naive", "paper", "auto", "single-0.05", "classes-1e-3", "classes-0", "single-0"]
     found = [script.Method.named(name).name for name in names]
-    assert found == ["naive", "classes-0.5", "single-0.05", "classes-0.001", "classes-0", "naive"]
+    assert found == ["naive", "classes-0.5", "auto", "single-0.05", "classes-0.001", "classes-0", "naive"]
 
 
 @pytest.mark.parametrize("name", ["best", "single", "single-", "classes--1", "classes-nan", "classes-inf", "two-0.5"])
 def test_other_methods_are_refused(script: ModuleType, name: str) -> None:
-    message = f"^method must be naive, paper, single-X or classes-X with a number X >= 0, got '{name}'$"
+    message = f"^method must be naive, paper, auto, single-X or classes-X with a number X >= 0, got '{name}'$"
     with pytest.raises(ValueError, match=message):
         script.Method.named(name)
 
@@ -156,7 +157,7 @@ def test_planted_combination_is_found_without_noise_only_by_least_squares(
 def test_rows_are_what_the_estimator_gives(
     script: ModuleType, library: tb.MaterialLibrary, bases: list[tb.BasisImages], material: str
 ) -> None:
-    rows = experiment(script, library, bases, ["single-0.1", "paper"]).rows(material)
+    rows = experiment(script, library, bases, ["single-0.1", "paper", "auto"]).rows(material)
     remaining = library.without(material)
     four, one = tb.MaterialClasses.fit(remaining, 2), tb.MaterialClasses.single(remaining)
     basis, other = (images.without(material) for images in bases)
@@ -170,6 +171,11 @@ def test_rows_are_what_the_estimator_gives(
         assert float(row["observation_error"]) == pytest.approx(float(result.relative_error), rel=1e-4)
         assert float(row["novel_error"]) == pytest.approx(float(errors[result.class_index]), rel=1e-4)
         assert float(row["best_class_error"]) == pytest.approx(float(errors.min()), rel=1e-4)
+    result = tb.BRDFEstimator(basis, four, penalty="auto")(basis.unpack(noisy))
+    fitted = torch.einsum("nc,ncp->cp", result.weights, other.packed.double())
+    row = next(r for r in rows if (r["method"], r["observed"], r["noise_percent"]) == ("auto", "probe 0", "2"))
+    assert float(row["observation_error"]) == pytest.approx(float(result.relative_error), rel=1e-3)
+    assert float(row["novel_error"]) == pytest.approx(float((fitted - novel).norm() / novel.norm()), rel=1e-4)
 
 
 def test_the_left_out_material_is_not_used(
@@ -288,7 +294,7 @@ def test_an_interrupted_run_continues_to_the_same_results(
 
     with open(tmp_path / "whole" / "results.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == MATERIALS * PROBES * 2 * 5
+    assert len(rows) == MATERIALS * PROBES * 2 * 6
     naive = [float(r["novel_error"]) for r in rows if (r["method"], r["noise_percent"]) == ("naive", "2")]
     summary = (tmp_path / "whole" / "summary.md").read_text()
     section = summary.split("### 2 % noise")[1]
@@ -337,7 +343,7 @@ def test_bad_input_is_one_line(
         ([merl, [probe, "absent.exr"], out], "absent.exr: no such file"),
         ([str(tmp_path / "empty"), [probe, "default"], out], "empty"),
         ([merl, [probe, "default"], out, "--materials", "gold"], "no material 'gold' in this library of 8"),
-        ([merl, [probe, "default"], out, "--methods", "best"], "method must be naive, paper, single-X or classes-X"),
+        ([merl, [probe, "default"], out, "--methods", "best"], "method must be naive, paper, auto, single-X or classes-X"),
         ([merl, [probe, "default"], out, "--penalties", "x"], "got 'single-x'"),
         ([merl, [probe, "default"], out, "--noise", "-1"], "and noise levels at least 0"),
         ([merl, [probe, "default"], out, "--size", "1"], "at least 3 x 3 pixels, got size=1"),

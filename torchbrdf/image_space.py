@@ -36,8 +36,8 @@ class ImageSpace:
     """diag(1/scale) Y = U R, one factorisation a colour channel of the light, cut at CUT.
 
     scale   (3, P) float64     what residuals are divided by, 0 in a channel without light
-    u       (3, P, r) float32  orthonormal columns; float32 rounds a photograph by 1e-7 of itself, and no more, for
-                               coordinates in an orthonormal basis cannot amplify it
+    u       (3, P, r) float64  orthonormal columns. In float32 what a photograph holds outside their span, a
+                               difference of squares, would be rounding where a fit is good, and the evidence with it
     r       (3, r, n) float64  the basis images in these coordinates
     """
 
@@ -65,8 +65,13 @@ class ImageSpace:
         rank = int((squared > CUT**2 * squared[:, :1]).sum(-1).max().clamp_min(1))
         squared, v = squared[:, :rank], v[..., :rank]
         singular = torch.where(squared > _ROUNDING * squared[:, :1], squared, 0).clamp_min(0).sqrt()
-        u = weighted @ (v * _inverse(singular)[:, None])
-        return cls(scale, u.float(), singular[..., None] * v.mT)
+        u = _orthonormal(weighted @ (v * _inverse(singular)[:, None]))
+        return cls(scale, u, u.mT @ weighted)
+
+    @cached_property
+    def single(self) -> Tensor:
+        """U in float32, to render with: there nothing amplifies its rounding."""
+        return self.u.float()
 
     @property
     def energy(self) -> Tensor:
@@ -79,9 +84,9 @@ class ImageSpace:
         U^T U of the pixels left is I less that of the pixels left out: whichever are fewer are summed.
         """
         eye = torch.eye(self.u.shape[-1], dtype=torch.float64, device=self.u.device)
-        kept = self.u[:, used].double()
+        kept = self.u[:, used]
         if float((~used).double().mean()) < _BRIEF:
-            lost = self.u[:, ~used].double()
+            lost = self.u[:, ~used]
             gram = eye - lost.mT @ lost
         else:
             gram = kept.mT @ kept
@@ -91,7 +96,7 @@ class ImageSpace:
         rank = int(sound.sum(-1).max().clamp_min(1))
         singular, v = torch.where(sound, squared, 0)[:, :rank].clamp_min(0).sqrt(), v[..., :rank]
         u = kept @ (v * _inverse(singular)[:, None])
-        return ImageSpace(self.scale[:, used], u.float(), singular[..., None] * v.mT @ self.r)
+        return ImageSpace(self.scale[:, used], u, singular[..., None] * v.mT @ self.r)
 
     @cached_property
     def inverse(self) -> Tensor:
@@ -101,21 +106,21 @@ class ImageSpace:
     @cached_property
     def overlap(self) -> Tensor:
         """(3, r, r): U^T diag(scale^2) U, what squares of differences between images are in these coordinates."""
-        columns = self.u.double() * self.scale[..., None]
+        columns = self.u * self.scale[..., None]
         return columns.mT @ columns
 
     def project(self, y: Tensor) -> tuple[Tensor, Tensor]:
         """Photographs (B, 3, P) -> coordinates (B, 3, r) float64, and energy (B, 3) of the weighted photographs.
 
-        The product with U is made in the photographs' own precision.
+        float64, whatever the photographs' precision.
         """
-        weighted = y * self.inverse.to(y.dtype)
-        return self._towards(weighted), torch.linalg.vector_norm(weighted, dim=-1, dtype=torch.float64).square()
+        weighted = y * self.inverse
+        return self._towards(weighted), weighted.square().sum(-1)
 
     def render(self, weights: Tensor, dtype: torch.dtype) -> Tensor:
         """Y w, less what was cut: weights (B, 3, n) -> (B, 3, P)."""
         coordinates = (weights.transpose(0, 1) @ self.r.mT).to(dtype)
-        return (coordinates @ self.u.to(dtype).mT).transpose(0, 1) * self.scale.to(dtype)
+        return (coordinates @ self._in(dtype).mT).transpose(0, 1) * self.scale.to(dtype)
 
     def growth(self, residual: Tensor, change: Tensor) -> Tensor:
         """(B, K): |residual + Y change|^2 - |residual|^2, for residuals (B, 3, P) and changes of weights (B, K, 3, n).
@@ -129,7 +134,20 @@ class ImageSpace:
 
     def _towards(self, image: Tensor) -> Tensor:
         """U^T times images (B, 3, P): (B, 3, r) float64."""
-        return (image.transpose(0, 1) @ self.u.to(image.dtype)).transpose(0, 1).double()
+        return (image.transpose(0, 1) @ self._in(image.dtype)).transpose(0, 1).double()
+
+    def _in(self, dtype: torch.dtype) -> Tensor:
+        return self.single if dtype == torch.float32 else self.u
+
+
+def _orthonormal(u: Tensor) -> Tensor:
+    """U (U^T U)^(-1/2) of columns (..., P, r) that are nearly orthonormal, or 0.
+
+    The Gram matrix squares a condition number of 1 / CUT: columns that come from it are orthonormal to 1e-7 only, and
+    that error depends on the order of sums.
+    """
+    excess = u.mT @ u - torch.diag_embed((u != 0).any(-2).to(u))
+    return u - u @ excess / 2
 
 
 def _inverse(x: Tensor) -> Tensor:

@@ -17,8 +17,9 @@ INFLATION = 2.5
 """Standard deviations of the mixture are multiplied by this.
 
 With it and UNMODELLED, nine in ten photographs of library materials that were left out together with the ten most like
-them have 90 % of their re-rendered pixels in the 90 % interval. Over all photographs at once 2 would do, but then a
-few materials, those least like the library, pay for the others.
+them have 90 % of their re-rendered pixels in the 90 % interval. Over all photographs at once 2 would do, but then a few
+materials, those least like the library, pay for the others. What was known when this rule was preferred:
+docs/uncertainty.md.
 """
 
 UNMODELLED = 0.01

@@ -44,10 +44,12 @@ _ALIKE = 0.02
 
 
 def image_angles(space: ImageSpace) -> Tensor:
-    """(n, n) radians between weighted basis images, mean over the channels of the light."""
+    """(n, n) radians between weighted basis images, mean over the channels of the light that are not black."""
     size = space.energy.sqrt()
     unit = space.r / torch.where(size > 0, size, 1)[:, None]
-    return torch.acos((unit.mT @ unit).clamp(-1, 1)).mean(0)
+    lit = (size > 0).any(-1)
+    angles = torch.acos((unit.mT @ unit).clamp(-1, 1)) * lit[:, None, None]
+    return angles.sum(0) / lit.sum().clamp_min(1)
 
 
 def farthest_points(distances: Tensor, count: int, nearest: float) -> list[int]:
