@@ -343,7 +343,7 @@ def test_bad_input_is_one_line(
         ([merl, [probe, "absent.exr"], out], "absent.exr: no such file"),
         ([str(tmp_path / "empty"), [probe, "default"], out], "empty"),
         ([merl, [probe, "default"], out, "--materials", "gold"], "no material 'gold' in this library of 8"),
-        ([merl, [probe, "default"], out, "--methods", "best"], "method must be naive, paper, auto, single-X or classes-X"),
+        ([merl, [probe, "default"], out, "--methods", "best"], "method must be naive, paper, auto, single-X"),
         ([merl, [probe, "default"], out, "--penalties", "x"], "got 'single-x'"),
         ([merl, [probe, "default"], out, "--noise", "-1"], "and noise levels at least 0"),
         ([merl, [probe, "default"], out, "--size", "1"], "at least 3 x 3 pixels, got size=1"),
