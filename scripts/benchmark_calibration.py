@@ -13,9 +13,9 @@ UNMODELLED, and intervals that are the same share of these units everywhere, the
 cases. CRPS is the mean absolute error of a whole distribution: smaller is better, and width without need costs.
 
 With --leave-out the targets are materials of the library, rendered with other random numbers than the basis, and left
-out of it together with so many materials most like them; INFLATION, UNMODELLED and CLASS_PIXELS were fitted to these
-(docs/uncertainty.md says what else was known by then). There it is also counted how often the class of a material is
-the one named.
+out of it together with so many materials most like them. UNMODELLED and CLASS_PIXELS were fitted to these, and
+INFLATION but for a margin that was taken with the measured materials in sight (docs/uncertainty.md). There it is also
+counted how often the class of a material is the one named.
 """
 
 import argparse

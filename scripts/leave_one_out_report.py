@@ -14,7 +14,7 @@ Rows = Sequence[dict[str, str]]
 BEGIN, END = "<!-- results: begin (written by the command above) -->", "<!-- results: end -->"
 
 _COLOURS = {"naive": "#000000", "single": "#d55e00", "classes": "#0072b2", "auto": "#009e73"}
-_OF_THE_PAPER = ("naive", "single-0.5", "classes-0.5")
+_BOLD = ("naive", "single-0.5", "classes-0.5", "auto")
 """The methods that [CBP21, fig. 5] compares."""
 
 _DASHES = ((0, (6, 1)), (0, (3, 1)), (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (1, 3)))
@@ -174,7 +174,7 @@ def worst_table(table: Table) -> str:
 def paired_table(table: Table) -> str:
     """Method against method on the same material, pair and noise; rows of one method are in the same order."""
     methods = table.methods
-    rivals = [i for i, method in enumerate(methods) if method in _OF_THE_PAPER]
+    rivals = [i for i, method in enumerate(methods) if method in _BOLD]
     lines = []
     for noise in table.unique("noise_percent"):
         errors = np.stack([table.numbers("novel_error", noise_percent=noise, method=method) for method in methods])
@@ -231,7 +231,7 @@ def plot(rows: Rows, path: Path) -> None:
         thin = dict.fromkeys(_COLOURS, 0)
         for method in table.methods:
             family = method.partition("-")[0]
-            thick = method in _OF_THE_PAPER
+            thick = method in _BOLD
             errors = np.sort(table.numbers("novel_error", noise_percent=noise, method=method))
             axis.plot(
                 100 * (np.arange(len(errors)) + 0.5) / len(errors),

@@ -17,7 +17,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.observability import Observability, observability
 from torchbrdf.observation import check_observation, groups_by_mask
 from torchbrdf.packing import Frames
-from torchbrdf.posterior import PosteriorBatch
+from torchbrdf.posterior import PosteriorBatch, class_probabilities
 from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
@@ -262,7 +262,7 @@ class BRDFEstimator(nn.Module):
             class_weights=class_weights.mT,
             fitted=fitted,
             errors=torch.cat([error, (error + growth).clamp_min(0)], 1),
-            probabilities=torch.softmax(of_prior[:, :k], -1),
+            probabilities=class_probabilities(found.log_evidence[:, :k], int(used.sum())),
             optimality=optimality,
             evidence=(found.detach(), shares.detach(), int(used.sum())),
         )
