@@ -19,7 +19,7 @@ from torchbrdf.posterior import (
     Posterior,
     class_probabilities,
 )
-from torchbrdf.prior_bank import CORRELATION, PriorBank, prior_variances
+from torchbrdf.prior_bank import PriorBank, prior_variances
 
 N, PIXELS = 12, 50
 SHARES = {(0, 3): 0.2, (0, 9): 0.1, (1, 20): 0.3, (4, 0): 0.25, (7, 27): 0.15}
@@ -59,7 +59,7 @@ def gaussians(posterior: Posterior) -> list[tuple[float, Tensor, Tensor]]:
         free = torch.nonzero(bank.variances[m] > 0).ravel()
         for c in range(3):
             r = bank.space.r[c][:, free]
-            noise = CORRELATION * found.quadratic[row, m, c, k] / posterior.pixels
+            noise = found.quadratic[row, m, c, k] / found.bank.independent_pixels
             around = found.brightness[row, m, c] * bank.means[m, free]
             # the photograph's coordinates, from its deviation from the mean image
             z = bank.vectors[m, c] @ found.deviation[row, m, c] + r @ around

@@ -7,7 +7,6 @@ from torch import Tensor
 
 from torchbrdf.image_space import ImageSpace
 from torchbrdf.prior_bank import (
-    CORRELATION,
     NEIGHBOURHOODS,
     NOISE_FLOOR,
     PENALTIES,
@@ -90,7 +89,7 @@ class TestExplain:
                     assert float(found.quadratic[b, m, s, k]) == pytest.approx(quadratic + floor, rel=1e-6)
 
     def test_evidence_is_the_marginal_likelihood_of_a_gaussian(self):
-        """y ~ N(a D mu, sigma^2 (I + D S D^T / lambda)), sigma^2 at its best, P / CORRELATION pixels instead of P.
+        """y ~ N(a D mu, sigma^2 (I + D S D^T / lambda)), sigma^2 at its best, `independent_pixels` instead of P.
 
         1/2 log f: the determinant of I + D S D^T / lambda; its quadratic form is the regularised residual.
         """
@@ -106,8 +105,17 @@ class TestExplain:
                     a, _, _ = oracle(bank, y[0], m, k, s)
                     deviation = target - a * design @ bank.means[m].numpy()
                     quadratic = deviation @ np.linalg.solve(covariance, deviation) + NOISE_FLOOR**2 * target @ target
-                    expected -= 0.5 * np.linalg.slogdet(covariance)[1] + 0.5 * PIXELS / CORRELATION * log(quadratic)
+                    expected -= 0.5 * np.linalg.slogdet(covariance)[1] + 0.5 * bank.independent_pixels * log(quadratic)
                 assert float(found.log_evidence[0, m, k]) == pytest.approx(expected, rel=1e-5, abs=1e-4)
+
+    @pytest.mark.parametrize(
+        ("pixels", "photographs", "expected"),
+        [(3080, 1, 385), (10, 1, 10 / (1 + 70 / 3080)), (6160, 2, 770), (6160, 1, 6160 / 15)],
+    )
+    def test_independent_pixels(self, pixels: int, photographs: int, expected: float):
+        """Eight pixels count as one on a sphere of 64 x 64; fewer pixels lie farther apart."""
+        space = ImageSpace.of(torch.rand(4, 3, pixels) + 0.1, [pixels // photographs] * photographs)
+        assert PriorBank.of(space, torch.ones(1, 4).double()).independent_pixels == pytest.approx(expected)
 
     def test_penalties_are_in_units_of_the_trace(self):
         bank = bank_of(images())

@@ -6,7 +6,7 @@ Weights that come from the basis instead of the photograph leave the factorisati
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -39,11 +39,13 @@ class ImageSpace:
     u       (3, P, r) float64  orthonormal columns. In float32 what a photograph holds outside their span, a
                                difference of squares, would be rounding where a fit is good, and the evidence with it
     r       (3, r, n) float64  the basis images in these coordinates
+    photographs  how many lie one behind the other
     """
 
     scale: Tensor
     u: Tensor
     r: Tensor
+    photographs: int = 1
 
     @classmethod
     def of(cls, packed: Tensor, sizes: Sequence[int]) -> "ImageSpace":
@@ -53,7 +55,7 @@ class ImageSpace:
         sizes   pixels of each photograph: each has its own mean over the pixels
         """
         mean = packed.detach().double().mean(0)
-        return cls.weighted(packed, residual_scale(mean, sizes))
+        return replace(cls.weighted(packed, residual_scale(mean, sizes)), photographs=len(sizes))
 
     @classmethod
     def weighted(cls, packed: Tensor, scale: Tensor) -> "ImageSpace":
@@ -96,7 +98,7 @@ class ImageSpace:
         rank = int(sound.sum(-1).max().clamp_min(1))
         singular, v = torch.where(sound, squared, 0)[:, :rank].clamp_min(0).sqrt(), v[..., :rank]
         u = kept @ (v * _inverse(singular)[:, None])
-        return ImageSpace(self.scale[:, used], u, singular[..., None] * v.mT @ self.r)
+        return ImageSpace(self.scale[:, used], u, singular[..., None] * v.mT @ self.r, self.photographs)
 
     @cached_property
     def inverse(self) -> Tensor:

@@ -9,7 +9,7 @@ from torch import Tensor
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import GRID, above_horizon, cell_centres
-from torchbrdf.prior_bank import CORRELATION, POWERS, PriorBank
+from torchbrdf.prior_bank import POWERS, PriorBank
 
 CANNOT = 0.3
 """Share of the highlight's variance removed below which a light cannot tell gloss from albedo."""
@@ -88,7 +88,7 @@ def observability(
     With K = R diag(S) R^T / n, the covariance of weighted photographs, eigenvalues e and noise s^2 a coordinate, there
     are sum e / (e + s^2) degrees of freedom, and a photograph removes the share
     |V^T R S b / sqrt(e + s^2)|^2 / (n b S b^T) of the variance of b w. Pixels' errors are not independent: s^2 counts
-    CORRELATION pixels as one. What is removed may be seen, or known from what is seen because the library's materials
+    `independent_pixels` only. What is removed may be seen, or known from what is seen because the library's materials
     go together: a cell can be determined that no light reaches. `highlight` is that share for b_i = |b_i|, less its
     regression on how bright the basis images are.
 
@@ -101,8 +101,7 @@ def observability(
     if library is not None and (library.source, library.names) != (classes.library, classes.names):
         raise ValueError("this library is not the one that the basis images were rendered with")
     k = classes.n_classes
-    pixels = bank.space.scale.shape[-1]
-    floor = CORRELATION / pixels * noise**2 * bank.values.sum(-1, keepdim=True)
+    floor = noise**2 / bank.independent_pixels * bank.values.sum(-1, keepdim=True)
     lit = (floor[k + _WHOLE, :, 0] > 0).to(floor)
     share = lit / lit.sum().clamp_min(1)
     spectrum = _positive(bank.values + floor)

@@ -11,7 +11,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from torchbrdf.prior_bank import CORRELATION, Explanation
+from torchbrdf.prior_bank import Explanation
 
 INFLATION = 2.5
 """Standard deviations of the mixture are multiplied by this.
@@ -55,7 +55,7 @@ class Moments:
         """Of the mixture of one photograph, the `row` of a batch; probabilities (M, L).
 
         Prior m and penalty l say w ~ N(a mu + D (V^T y) / s, v (S - D diag(1/s) D^T)) with D = S R^T V, eigenvalues e,
-        s = e + lambda, v = CORRELATION |residual|^2 / (pixels lambda). All penalties of a prior share D, so each prior
+        s = e + lambda, v = |residual|^2 / (pixels lambda). All penalties of a prior share D, so each prior
         costs one product.
         """
         bank = found.bank
@@ -67,7 +67,7 @@ class Moments:
         for m in likely:
             share = probabilities[m] / weight[likely].sum()
             spectrum = bank.values[m][:, None] + bank.penalties[m, ..., None]
-            scale = share * CORRELATION / pixels * found.quadratic[row, m] / bank.penalties[m]
+            scale = share / bank.independent_pixels * found.quadratic[row, m] / bank.penalties[m]
             directions = bank.variances[m][:, None] * (bank.space.r.mT @ bank.vectors[m])
             diagonal += scale.sum(1, keepdim=True) * bank.variances[m]
             covariance -= (directions * (scale[..., None] / spectrum).sum(1)[:, None]) @ directions.mT

@@ -21,7 +21,11 @@ PENALTIES = torch.logspace(-9, 1, 28, dtype=torch.float64)
 """lambda of every prior, in units of trace(R S R^T) / n."""
 
 CORRELATION = 8.0
-"""Neighbouring residuals are not independent: this many pixels say as much as one. Chosen in docs/ablation.md."""
+"""Neighbouring residuals are not independent: this many pixels of a sphere of 64 x 64 say as much as one. Chosen in
+docs/ablation.md."""
+
+_SPHERE = 3080
+"""The pixels of that sphere. Fewer pixels lie farther apart, and say more each."""
 
 NOISE_FLOOR = 0.006
 """Basis images and photographs are wrong by at least this share, however well they agree."""
@@ -121,6 +125,12 @@ class PriorBank:
         """(M, 3, L): sum of log damping over the directions."""
         return self.damping.log().sum(-1)
 
+    @property
+    def independent_pixels(self) -> float:
+        """How many independent pixels say as much as those of the space."""
+        pixels = self.space.scale.shape[-1]
+        return pixels / (1 + (CORRELATION - 1) * pixels / (_SPHERE * self.space.photographs))
+
     def masked(self, used: Tensor) -> "PriorBank":
         """The same priors in the space of some pixels only."""
         return PriorBank.of(self.space.masked(used), self.variances)
@@ -136,8 +146,8 @@ class PriorBank:
         outside = (energy - coordinates.square().sum(-1)).clamp_min(0) + NOISE_FLOOR**2 * energy
         quadratic = outside.mT[..., None] + deviation.square() @ self.damping.mT
         lit = (energy > 0).mT[..., None]
-        effective = y.shape[-1] / CORRELATION
-        evidence = 0.5 * self.log_damping[:, :, None] - 0.5 * effective * torch.where(lit, quadratic, 1).log()
+        misfit = self.independent_pixels * torch.where(lit, quadratic, 1).log()
+        evidence = 0.5 * (self.log_damping[:, :, None] - misfit)
         log_evidence = torch.where(lit, evidence, 0).sum(1).transpose(0, 1)
         brightness, deviation, quadratic = (part.movedim(2, 0) for part in (brightness, deviation, quadratic))
         return Explanation(self, brightness, deviation, quadratic, log_evidence)
