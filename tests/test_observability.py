@@ -78,7 +78,7 @@ def dense(images: Tensor, variances: Tensor, noise: float) -> list[tuple[Tensor,
 
 
 def test_freedom_is_the_trace_of_the_smoother(packed, classes):
-    found = observability(bank_of(packed["room"], classes), classes, noise=0.025)
+    found = observability(bank_of(packed["room"], classes), classes, noise=0.02)
     bank = bank_of(packed["room"], classes)
     for j in range(2):
         expected = sum(freedom for _, _, freedom in dense(packed["room"], bank.variances[j], 0.02)) / 3
