@@ -25,7 +25,7 @@ import torch
 from accuracy_report import markdown
 from leave_one_out_report import check_document, replace_results
 from leave_one_out_scenes import noisy_observations
-from targets import default_probes, open_probes, read_targets
+from targets import default_probes, exit_status, open_probes, read_targets
 from torch import Tensor
 from tqdm import tqdm
 
@@ -318,14 +318,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", metavar="TEXT", help="variations whose names contain one of these")
     parser.add_argument("--document", type=Path, help="Markdown file whose results, between markers, are replaced")
     options = parser.parse_args(argv)
-    try:
-        run(options)
-    except (OSError, ValueError) as error:
-        print(f"ablation: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    return exit_status("ablation", run, options)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ import torch
 from accuracy_report import FLOOR, Case, breakdown, percent, summary
 from leave_one_out_report import write_rows
 from leave_one_out_scenes import Scene, noisy_observations
-from targets import Target, default_probes, exposure, on_white, open_probes, read_targets, write_sheet
+from targets import Target, default_probes, exit_status, exposure, on_white, open_probes, read_targets, write_sheet
 from torch import Tensor
 from tqdm import tqdm
 
@@ -333,14 +333,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--figure-materials", nargs="+", default=[], metavar="NAME", help="of these; default: of all")
     options = parser.parse_args(argv)
-    try:
-        run(options)
-    except (OSError, ValueError) as error:
-        print(f"benchmark_accuracy: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    return exit_status("benchmark_accuracy", run, options)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ import torch
 from accuracy_report import markdown
 from benchmark_accuracy import Experiment
 from leave_one_out_scenes import noisy_observations
-from targets import default_probes, open_probes, read_targets
+from targets import default_probes, exit_status, open_probes, read_targets
 from torch import Tensor
 from tqdm import tqdm
 
@@ -337,14 +337,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--step", type=int, default=4, help="with --leave-out: every so many materials")
     parser.add_argument("--size", type=int, default=64, help="with --leave-out: pixels along a side")
-    try:
-        run(parser.parse_args(argv))
-    except (OSError, ValueError) as error:
-        print(f"benchmark_calibration: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    return exit_status("benchmark_calibration", run, parser.parse_args(argv))
 
 
 if __name__ == "__main__":

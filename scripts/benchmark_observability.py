@@ -19,7 +19,7 @@ import torch
 from accuracy_report import markdown
 from benchmark_calibration import whole_without
 from leave_one_out_scenes import noisy_observations
-from targets import default_probes, open_probes
+from targets import default_probes, exit_status, open_probes
 from torch import Tensor
 from tqdm import tqdm
 
@@ -111,14 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--probes", nargs="+", type=Path, metavar="FILE", help="default: 7 of ../shared/data/probes")
     parser.add_argument("--step", type=int, default=8, help="every so many materials")
     parser.add_argument("--size", type=int, default=64, help="pixels along a side")
-    try:
-        run(parser.parse_args(argv))
-    except (OSError, ValueError) as error:
-        print(f"benchmark_observability: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    return exit_status("benchmark_observability", run, parser.parse_args(argv))
 
 
 if __name__ == "__main__":

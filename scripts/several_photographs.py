@@ -16,7 +16,7 @@ from pathlib import Path
 import torch
 from accuracy_report import markdown
 from benchmark_accuracy import Experiment
-from targets import default_probes, open_probes, read_targets
+from targets import default_probes, exit_status, open_probes, read_targets
 from tqdm import tqdm
 
 import torchbrdf as tb
@@ -92,14 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--noise", type=float, default=0.0, help="in %% of every pixel")
     parser.add_argument("--figure", type=Path, metavar="PNG", help="draw the curves")
     options = parser.parse_args(argv)
-    try:
-        run(options)
-    except (OSError, ValueError) as error:
-        print(f"several_photographs: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    return exit_status("several_photographs", run, options)
 
 
 if __name__ == "__main__":

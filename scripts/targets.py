@@ -4,7 +4,9 @@ A target is an .exr whose metadata say what it shows and how noisy it is; script
 FOLDER/PROBE/MATERIAL.exr, scripts/benchmark_accuracy.py reads them.
 """
 
-from collections.abc import Mapping, Sequence
+import argparse
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +24,18 @@ PROBES = ("apartment.exr", "venice.exr", "forest.exr", "dawn.exr", "uffizi.hdr",
 """Those of ../shared/data/probes that differ: uffizi_angularmap* are Uffizi again, bad_nan_inf is broken."""
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+
+
+def exit_status(name: str, run: Callable[[argparse.Namespace], None], options: argparse.Namespace) -> int:
+    """Run a script: 0, or 2 after one line for bad input, or 130 where it was interrupted."""
+    try:
+        run(options)
+    except (OSError, ValueError) as error:
+        print(f"{name}: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
 
 
 def default_probes() -> list[Path]:
