@@ -43,7 +43,7 @@ def planned(rank: int | None = None) -> Posterior:
     shares = torch.zeros(len(bank.variances), bank.penalties.shape[-1], dtype=torch.float64)
     for pair, share in SHARES.items():
         shares[pair] = share
-    return Posterior(bank.explain(y), shares, row=1, pixels=PIXELS)
+    return Posterior(bank.explain(y), shares, row=1)
 
 
 def gaussians(posterior: Posterior) -> list[tuple[float, Tensor, Tensor]]:
@@ -202,7 +202,7 @@ def test_every_photograph_of_a_batch_has_its_own_posterior(tiny_library, fitted)
     together = estimator(photographs, masks)
     for i in (2, 1, 0):
         alone = estimator(photographs[i], masks[i])
-        assert alone.posterior.pixels == (30 if i == 1 else 60)
+        assert alone.posterior.explanation.bank.space.scale.shape[-1] == (30 if i == 1 else 60)
         torch.testing.assert_close(together[i].image_std(basis), alone.image_std(basis), rtol=1e-4, atol=0)
 
 

@@ -52,7 +52,7 @@ class _Solution:
     errors: Tensor
     probabilities: Tensor
     optimality: Tensor
-    evidence: tuple[Explanation, Tensor, int] | None = None
+    evidence: tuple[Explanation, Tensor] | None = None
 
 
 class BRDFEstimator(nn.Module):
@@ -264,7 +264,7 @@ class BRDFEstimator(nn.Module):
             errors=torch.cat([error, (error + growth).clamp_min(0)], 1),
             probabilities=class_probabilities(found.log_evidence[:, :k], int(used.sum())),
             optimality=optimality,
-            evidence=(found.detach(), shares.detach(), int(used.sum())),
+            evidence=(found.detach(), shares.detach()),
         )
 
     def _bank_of(self, used: Tensor) -> PriorBank:

@@ -51,11 +51,11 @@ class Moments:
     covariance: Tensor
 
     @classmethod
-    def of(cls, found: Explanation, probabilities: Tensor, row: int, pixels: int) -> "Moments":
+    def of(cls, found: Explanation, probabilities: Tensor, row: int) -> "Moments":
         """Of the mixture of one photograph, the `row` of a batch; probabilities (M, L).
 
         Prior m and penalty l say w ~ N(a mu + D (V^T y) / s, v (S - D diag(1/s) D^T)) with D = S R^T V, eigenvalues e,
-        s = e + lambda, v = |residual|^2 / (pixels lambda). All penalties of a prior share D, so each prior
+        s = e + lambda, v = |residual|^2 / (independent pixels lambda). The penalties of a prior share D, so each prior
         costs one product.
         """
         bank = found.bank
@@ -87,18 +87,16 @@ class Posterior:
     explanation    of a batch of photographs that holds it, without gradients
     probabilities  (M, L) of prior and penalty
     row            its place in the batch
-    pixels         how many pixels were used
     """
 
     explanation: Explanation
     probabilities: Tensor
     row: int
-    pixels: int
 
     @cached_property
     def moments(self) -> Moments:
         """Mean and covariance of the mixture as it is, without INFLATION and UNMODELLED."""
-        return Moments.of(self.explanation, self.probabilities, self.row, self.pixels)
+        return Moments.of(self.explanation, self.probabilities, self.row)
 
     @cached_property
     def factor(self) -> Tensor:
@@ -143,11 +141,11 @@ class Posterior:
 class PosteriorBatch:
     """The posteriors of a batch of photographs.
 
-    groups  photographs that share a mask: their explanation, probabilities (B, M, L) and number of pixels
+    groups  photographs that share a mask: their explanation and probabilities (B, M, L)
     where   (*batch, 2)  int64: group and row of each photograph
     """
 
-    groups: tuple[tuple[Explanation, Tensor, int], ...]
+    groups: tuple[tuple[Explanation, Tensor], ...]
     where: Tensor
 
     def __getitem__(self, i: int) -> "PosteriorBatch":
@@ -158,5 +156,5 @@ class PosteriorBatch:
     def single(self) -> Posterior:
         """The only one."""
         group, row = self.where.tolist()
-        explanation, probabilities, pixels = self.groups[group]
-        return Posterior(explanation, probabilities[row], row, pixels)
+        explanation, probabilities = self.groups[group]
+        return Posterior(explanation, probabilities[row], row)
