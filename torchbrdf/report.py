@@ -193,7 +193,7 @@ def _observed(evidence: Evidence, view: View) -> str:
     light = plate(light_picture(evidence.probes[0], "large"), "")
     about = (
         f'<div><p class="note"><b>The light</b>: {escape(short_name(evidence.probes[0]))}. Its middle lies behind the '
-        f"ball, its left and right ends lie behind the camera.</p>{note}</div>"
+        f"camera, its left and right ends lie behind the ball.</p>{note}</div>"
     )
     return section(
         "The photograph and its fit",
