@@ -1,3 +1,5 @@
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +9,16 @@ from scipy.optimize import nnls
 from torch import Tensor
 
 from torchbrdf.quadratic_programs import kkt_residual, project_above, project_nonnegative
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Thousands of small products: after Mitsuba's threads have started, waking torch's for each takes minutes."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
 
 
 def smooth_problem(c: int, n: int, decade: float, seed: int = 0, groups: int = 3) -> tuple[Tensor, Tensor, Tensor]:
