@@ -8,7 +8,6 @@ import gc
 import inspect
 import os
 import platform
-import re
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -31,8 +30,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.library_cache import build_in_memory, columns_of
 from torchbrdf.reconstruction import Reconstruction
 
-PARAMETERS = inspect.signature(BRDFEstimator).parameters
-DEFAULT = PARAMETERS["penalty"].default
+DEFAULT = inspect.signature(BRDFEstimator).parameters["penalty"].default
 REGULARISED = list(dict.fromkeys([DEFAULT, "paper", 0.0005]))
 PENALTIES = [*REGULARISED, 0.0]
 METHODS = [{"penalty": DEFAULT}, *({"penalty": "paper", "solver": solver} for solver in ("factored", "lstsq"))]
@@ -43,12 +41,6 @@ each_penalty = pytest.mark.parametrize("penalty", PENALTIES)
 each_regularised = pytest.mark.parametrize("penalty", REGULARISED)
 regularised = st.sampled_from(REGULARISED)
 quickly = settings(derandomize=True, deadline=None, max_examples=15)
-
-needs_robust = pytest.mark.skipif("robust" not in PARAMETERS, reason="the estimator has no robust weighting")
-needs_constraint = pytest.mark.skipif("constraint" not in PARAMETERS, reason="the estimator has no constraints")
-needs_several = pytest.mark.skipif(
-    not re.search("Sequence|list", str(PARAMETERS["basis"].annotation)), reason="the estimator takes one photograph"
-)
 
 
 def scaled(case: Case, scale: float) -> Case:
@@ -284,7 +276,6 @@ def prediction_error(result: Reconstruction) -> float:
     return float((result.image - clean).norm() / clean.norm())
 
 
-@needs_robust
 class TestRobust:
     @each_case
     def test_finite_and_without_scale(self, name: str):
@@ -310,7 +301,6 @@ class TestRobust:
         assert robust < 1.5 * plain + 0.005
 
 
-@needs_constraint
 class TestConstraints:
     @pytest.mark.parametrize("constraint", ["nonnegative", "convex"])
     @each_case
@@ -328,7 +318,6 @@ class TestConstraints:
         assert weight_change(result, estimate(scaled(case, 2.0**26), constraint=constraint)) < 1e-6
 
 
-@needs_several
 class TestSeveralPhotographs:
     """One ball under the studio's light and under another."""
 
