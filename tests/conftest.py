@@ -1,5 +1,6 @@
 """What several test modules share: the data beside the repository, small libraries, a cache of their own."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -20,9 +21,19 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
 
 ROOT = Path(__file__).resolve().parent.parent
+SCRIPTS = ROOT / "scripts"
 
 hypothesis.settings.register_profile("torchbrdf", deadline=None, max_examples=60)
 hypothesis.settings.load_profile("torchbrdf")
+
+
+def load_script(name: str) -> ModuleType:
+    """A script as a module; while it loads, those beside it are found as when it runs."""
+    sys.path.insert(0, str(SCRIPTS))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(SCRIPTS))
 
 
 def lambert(*albedo: float):

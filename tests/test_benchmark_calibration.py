@@ -1,29 +1,13 @@
 """scripts/benchmark_calibration.py and scripts/benchmark_observability.py: their scores and left-out libraries."""
 
-import importlib
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import pytest
 import torch
+from conftest import load_script
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 
-SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
-
-
-def script(name: str) -> ModuleType:
-    """A script as a module."""
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(SCRIPTS))
-
-
-calibration, lights = script("benchmark_calibration"), script("benchmark_observability")
+calibration, lights = load_script("benchmark_calibration"), load_script("benchmark_observability")
 
 
 def case(sigma: float, actual: float, seed: int = 0, **labels):

@@ -1,27 +1,22 @@
 """What scripts/benchmark_solver.py compares, on a small scene; no time is asserted."""
 
-import importlib
 import warnings
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 import torch
+from conftest import load_script
 
 from torchbrdf import image_space
 from torchbrdf.classes import MaterialClasses, Mixture
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.probe import LightProbe
 
-SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
-
 
 @pytest.fixture(scope="module")
 def solver() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(SCRIPTS))
-        return importlib.import_module("benchmark_solver")
+    return load_script("benchmark_solver")
 
 
 @pytest.fixture(scope="module")

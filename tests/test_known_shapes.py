@@ -1,6 +1,3 @@
-import importlib
-import sys
-from collections.abc import Iterator
 from math import cos, radians, sin
 from pathlib import Path
 from types import ModuleType
@@ -9,36 +6,27 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from conftest import load_script
 
 import torchbrdf as tb
 from torchbrdf.transport import render_tables
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*supports 1 material class")
 
-SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 
-
-@pytest.fixture(scope="module")
-def scripts() -> Iterator[None]:
-    """The scripts as modules, Mitsuba in its fast variant."""
-    sys.path.insert(0, str(SCRIPTS))
-    yield
-    sys.path.remove(str(SCRIPTS))
+@pytest.fixture
+def scenes(mitsuba: ModuleType) -> ModuleType:
+    return load_script("known_shapes_scenes")
 
 
 @pytest.fixture
-def scenes(scripts: None, mitsuba: ModuleType) -> ModuleType:
-    return importlib.import_module("known_shapes_scenes")
+def report(mitsuba: ModuleType) -> ModuleType:
+    return load_script("known_shapes_report")
 
 
 @pytest.fixture
-def report(scripts: None, mitsuba: ModuleType) -> ModuleType:
-    return importlib.import_module("known_shapes_report")
-
-
-@pytest.fixture
-def cost(scripts: None, mitsuba: ModuleType) -> ModuleType:
-    return importlib.import_module("known_shapes_cost")
+def cost(mitsuba: ModuleType) -> ModuleType:
+    return load_script("known_shapes_cost")
 
 
 @pytest.fixture(scope="module")

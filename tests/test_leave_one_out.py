@@ -1,28 +1,22 @@
 import csv
-import importlib
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 import torch
+from conftest import load_script
 
 import torchbrdf as tb
 from torchbrdf.solvers import prior_mean
 
-SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 MATERIALS = 8
 PROBES = 2
 
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        return importlib.import_module("leave_one_out")
-    finally:
-        sys.path.remove(str(SCRIPTS))
+    return load_script("leave_one_out")
 
 
 def analytic_table(i: int) -> tb.MerlTable:

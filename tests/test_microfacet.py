@@ -1,4 +1,3 @@
-import importlib.util
 import subprocess
 import sys
 from math import pi
@@ -7,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from conftest import load_script
 from torch import Tensor
 
 from torchbrdf.directions import from_half_difference, half_difference
@@ -52,14 +52,6 @@ def some_parameters(n: int, lobes: int, seed: int = 0) -> dict[str, Tensor]:
     return {
         name: 0.5 * value if name in signed else NEUTRAL[name] * value.mul(0.5).exp() for name, value in spread.items()
     }
-
-
-def fitting_module():
-    spec = importlib.util.spec_from_file_location("lobe_fitting", ROOT / "scripts" / "lobe_fitting.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["lobe_fitting"] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_a_lobe_without_decay_is_lambertian():
@@ -153,7 +145,7 @@ def test_missing_or_misshapen_parameters():
 
 def test_fitted_derivatives_are_those_of_the_model():
     """The Jacobian that scripts/lobe_fitting.py writes out, against autograd through evaluate_lobes."""
-    fitting = fitting_module()
+    fitting = load_script("lobe_fitting")
     generator = torch.Generator().manual_seed(3)
     p = torch.randn(3, 2, len(PARAMETER_NAMES), generator=generator) * 0.5
     cells = torch.nonzero(above_horizon().reshape(-1)).ravel()[::60_000]

@@ -1,12 +1,10 @@
 """Targets (scripts/make_targets.py) and what is measured on them (scripts/benchmark_accuracy.py)."""
 
 import hashlib
-import importlib
 import itertools
 import json
 import shutil
 import statistics
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
@@ -14,26 +12,18 @@ from types import ModuleType
 import numpy as np
 import pytest
 import torch
+from conftest import load_script
 
 import torchbrdf as tb
 from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
 from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError, load_mitsuba
 
-SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 SIZE = 10
 
 
-def script(name: str) -> ModuleType:
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(SCRIPTS))
-
-
 make_targets, benchmark, report, targets_module = (
-    script(name) for name in ("make_targets", "benchmark_accuracy", "accuracy_report", "targets")
+    load_script(name) for name in ("make_targets", "benchmark_accuracy", "accuracy_report", "targets")
 )
 
 
