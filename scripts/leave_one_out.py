@@ -32,6 +32,7 @@ import torch
 from leave_one_out_report import Facts, check_document, read_rows, write_report, write_rows
 from leave_one_out_scenes import CellSample, Images, Scene, directional_scene, noisy_observations
 from scipy.optimize import linear_sum_assignment
+from targets import RESUMABLE, exit_status
 from torch import Tensor
 from tqdm import tqdm
 
@@ -346,16 +347,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--shared-samples", action="store_true", help="targets from the samples of the basis: no rendering noise"
     )
     parser.add_argument("--document", type=Path, help="Markdown file whose results, between markers, are replaced")
-    args = parser.parse_args(argv)
-    try:
-        run(args)
-    except (OSError, ValueError) as error:
-        print(f"leave_one_out: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("leave_one_out: interrupted; the same command goes on where it stopped", file=sys.stderr)
-        return 130
-    return 0
+    return exit_status("leave_one_out", run, parser.parse_args(argv), RESUMABLE)
 
 
 if __name__ == "__main__":

@@ -26,13 +26,24 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from targets import FORMAT, Target, default_probes, exposure, negative_share, on_white, open_probes, write_sheet
+from targets import (
+    FORMAT,
+    RESUMABLE,
+    Target,
+    default_probes,
+    exit_status,
+    exposure,
+    negative_share,
+    on_white,
+    open_probes,
+    write_sheet,
+)
 from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
-from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError, load_mitsuba
+from torchbrdf.mitsuba_backend.startup import load_mitsuba
 
 INTEGRATOR = {"type": "direct"}
 SAMPLES = 4096
@@ -288,15 +299,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--max-samples", type=int, default=MAX_SAMPLES, help="a pixel, for the noisiest targets")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sheet", type=Path, metavar="PNG", help="write a picture of all targets")
-    options = parser.parse_args(argv)
-    try:
-        return run(options)
-    except (OSError, ValueError, MitsubaUnavailableError) as error:
-        print(f"make_targets: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("make_targets: interrupted; the same command goes on where it stopped", file=sys.stderr)
-        return 130
+    return exit_status("make_targets", run, parser.parse_args(argv), RESUMABLE)
 
 
 if __name__ == "__main__":

@@ -17,8 +17,12 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.files import writing
 from torchbrdf.images import read_image, read_metadata, tone_map
+from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
 
 FORMAT = "torchbrdf target 1"
+
+RESUMABLE = "interrupted; the same command goes on where it stopped"
+"""What a script says after Ctrl-C that keeps what is finished."""
 
 PROBES = ("apartment.exr", "venice.exr", "forest.exr", "dawn.exr", "uffizi.hdr", "grace.hdr", "ennis.hdr")
 """Those of ../shared/data/probes that differ: uffizi_angularmap* are Uffizi again, bad_nan_inf is broken."""
@@ -26,16 +30,25 @@ PROBES = ("apartment.exr", "venice.exr", "forest.exr", "dawn.exr", "uffizi.hdr",
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
 
-def exit_status(name: str, run: Callable[[argparse.Namespace], None], options: argparse.Namespace) -> int:
-    """Run a script: 0, or 2 after one line for bad input, or 130 where it was interrupted."""
+def exit_status(
+    name: str,
+    run: Callable[[argparse.Namespace], int | None],
+    options: argparse.Namespace,
+    interrupted: str | None = None,
+) -> int:
+    """Run a script: what it returns, else 0; 2 after one line for bad input or without Mitsuba; 130 after Ctrl-C.
+
+    interrupted  what to say after Ctrl-C; None to say nothing
+    """
     try:
-        run(options)
-    except (OSError, ValueError) as error:
+        return run(options) or 0
+    except (OSError, ValueError, MitsubaUnavailableError) as error:
         print(f"{name}: error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        if interrupted is not None:
+            print(f"{name}: {interrupted}", file=sys.stderr)
         return 130
-    return 0
 
 
 def default_probes() -> list[Path]:
