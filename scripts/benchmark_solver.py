@@ -6,7 +6,7 @@
 The basis is factored before, except where a row says otherwise. The rival is `torch.linalg.lstsq` with each of its
 drivers in float64 on the augmented system [Y; sqrt(lambda) I], for the paper's lambda, one class and colour channel at
 a time: the light has a colour, so every channel has basis images of its own, and the channels cannot be right sides
-of of one system. "looped" is its way from basis images to the class that is chosen; "solves" leaves out building the
+of one system. "looped" is its way from basis images to the class that is chosen; "solves" leaves out building the
 systems and judging the classes. The default weighs 17 priors with 28 penalties where the rival solves for 4 with one.
 Photographs: renderings of materials of the library with noise.
 
@@ -31,7 +31,7 @@ from torch import Tensor
 
 import torchbrdf as tb
 from torchbrdf import image_space
-from torchbrdf.estimator import PAPER_PENALTY
+from torchbrdf.estimator import PAPER_PENALTY, Penalty
 from torchbrdf.image_space import ImageSpace
 from torchbrdf.merl import N_CELLS
 from torchbrdf.prior_bank import Explanation, PriorBank
@@ -40,6 +40,7 @@ from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge
 from torchbrdf.transport import plan_transport
 
 DRIVERS = ("gels", "gelsy", "gelsd", "gelss")
+PENALTIES: tuple[Penalty, ...] = ("auto", "paper")
 BATCHES = (1, 4, 16, 64, 256)
 CUTS = (1e-7, 1e-6, 1e-5, 5e-5, 5e-4, 5e-3)
 """Truncations; the first is the reference of all others."""
@@ -99,7 +100,7 @@ def augmented(columns: dict[int, Tensor], y: Tensor) -> Iterator[tuple[int, int,
 
 def batches(scene: Scene) -> Iterator[Row]:
     """Photographs together; the reference is each alone."""
-    for name in ("auto", "paper"):
+    for name in PENALTIES:
         estimator, first = scene.estimator(penalty=name), 0.0
         for count in (b for b in BATCHES if b <= len(scene.photographs)):
             some = scene.photographs[:count]
@@ -112,10 +113,10 @@ def batches(scene: Scene) -> Iterator[Row]:
 
 def factors(scene: Scene) -> Iterator[Row]:
     """A new light: from basis images to the first answer."""
-    for name in ("auto", "paper"):
+    for name in PENALTIES:
 
-        def fresh(name: str = name) -> Reconstruction:
-            return tb.BRDFEstimator(scene.basis, scene.classes, penalty=name)(scene.photographs[0])  # type: ignore[arg-type]
+        def fresh(penalty: Penalty = name) -> Reconstruction:
+            return tb.BRDFEstimator(scene.basis, scene.classes, penalty)(scene.photographs[0])
 
         yield Row("new light", f'"{name}": factors and the first image', scene.timed(fresh))
 
@@ -284,7 +285,7 @@ def memory(library: Path | None, size: int, samples: int) -> Iterator[Row]:
 def on_cuda(scene: Scene) -> Iterator[Row]:
     """The same on the accelerator; the reference is the CPU."""
     some = scene.photographs[:64]
-    for name in ("auto", "paper"):
+    for name in PENALTIES:
         expected = scene.estimator(penalty=name)(some).weights
         there = tb.BRDFEstimator(scene.basis.to("cuda"), scene.classes, penalty=name)
         for count in (1, len(some)):

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
+from torchbrdf.estimator import DEFAULT_PENALTY, Penalty
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,9 @@ class Scene:
         noisy = own * (1 + 0.01 * torch.randn(own.shape, generator=g))
         return cls(library, probe, view, basis, novel, tb.MaterialClasses.fit(library), basis.unpack(noisy), repeats)
 
-    def estimator(self, **options: object) -> tb.BRDFEstimator:
+    def estimator(self, penalty: Penalty = DEFAULT_PENALTY) -> tb.BRDFEstimator:
         """One that has its factors."""
-        estimator = tb.BRDFEstimator(self.basis, self.classes, **options)  # type: ignore[arg-type]
+        estimator = tb.BRDFEstimator(self.basis, self.classes, penalty)
         with torch.no_grad():
             estimator(self.photographs[0])
         return estimator
