@@ -163,6 +163,20 @@ def test_the_photograph_is_shown_upright_at_the_stated_exposure(report, parts):
     assert f"exposure × {exposure:.3g}" in " ".join(page.text)
 
 
+def test_the_note_on_the_light_is_how_a_ball_looks_under_it(report, tiny_tables):
+    """A lamp in the middle of the picture shines back from the middle of the ball, one at the ends lights no pixel."""
+    note = "Its middle lies behind the camera, its left and right ends lie behind the ball."
+    assert note in " ".join(Page(report.read_text(encoding="utf-8")).text)
+    shown = []
+    for columns in ([16, 17], [0, 33]):
+        lamp = torch.zeros(3, 17, 34)
+        lamp[:, 8, columns] = 1
+        shown.append(render(tiny_tables["steel-0.15"], LightProbe(lamp), SphereView(17), samples=256)[0])
+    middle, ends = shown
+    assert int(middle.argmax()) == 8 * 17 + 8
+    assert ends.max() < 1e-4 * middle.max()
+
+
 def test_the_browser_shows_every_picture_offline(report):
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     browser_path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
