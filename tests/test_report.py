@@ -18,7 +18,15 @@ from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
 from torchbrdf.report import write_report
 from torchbrdf.report_deviations import Spread, relative_spread, retroreflection_rows
-from torchbrdf.report_evidence import Evidence, clamped_share, gather, leading_materials, other_light, turn_about_y
+from torchbrdf.report_evidence import (
+    Evidence,
+    Subject,
+    clamped_share,
+    gather,
+    leading_materials,
+    other_light,
+    turn_about_y,
+)
 from torchbrdf.report_figures import (
     SURROUND,
     exposure_for,
@@ -79,7 +87,7 @@ def pixels(attrs):
 
 
 @pytest.fixture(scope="module", params=["auto", "paper"])
-def parts(request, tiny_tables):
+def subject(request, tiny_tables):
     tables = [replace(table, name=EVIL) if name == "gold-0.3" else table for name, table in tiny_tables.items()]
     library = MaterialLibrary.from_tables(tables)
     probe, view = LightProbe.default(32), SphereView(24)
@@ -90,17 +98,14 @@ def parts(request, tiny_tables):
     mask = view.mask.clone()
     mask[0, 10:13, 4:8] = False
     result = BRDFEstimator(basis, classes, request.param)(photograph, mask)
-    return {
-        "photograph": photograph, "mask": mask, "result": result, "basis": basis,
-        "library": library, "probe": probe, "view": view,
-    }  # fmt: skip
+    return Subject(photograph, mask, result, basis, library, probe, view)
 
 
 @pytest.fixture(scope="module")
-def report(parts, tmp_path_factory):
+def report(subject, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     settings = {"title": "Ball <1>", "photograph": "ball & <stand>.exr", "penalty": "as it may be"}
-    write_report(path, **parts, description=settings, size=32, samples=32)
+    write_report(path, subject, settings, size=32, samples=32)
     return path
 
 
@@ -117,10 +122,10 @@ def test_the_page_is_self_contained_and_well_formed(report):
     assert all(attrs.get("aria-label") or attrs.get("aria-hidden") for attrs in page.all("svg"))
 
 
-def test_every_section_is_there(report, parts):
+def test_every_section_is_there(report, subject):
     page = Page(report.read_text(encoding="utf-8"))
     text = " ".join(page.text)
-    result = parts["result"]
+    result = subject.result
     averaged = result.posteriors is not None
     sections = [title for title in SECTIONS if averaged or title != "What the photograph leaves open"]
     assert [title for title in SECTIONS if title in text] == sections
@@ -138,7 +143,7 @@ def test_every_section_is_there(report, parts):
     assert kinds.count("polar") == 4
     assert kinds.count("curve") == 1
     assert kinds.count("plan") == 4
-    for fingerprint in (result.library, parts["basis"].probe, parts["basis"].view):
+    for fingerprint in (result.library, subject.basis.probe, subject.basis.view):
         assert fingerprint in text
     assert "12 pixels are masked out" in text
 
@@ -151,10 +156,10 @@ def test_names_are_escaped(report):
     assert "<title>Ball &lt;1&gt;</title>" in text
 
 
-def test_the_photograph_is_shown_upright_at_the_stated_exposure(report, parts):
+def test_the_photograph_is_shown_upright_at_the_stated_exposure(report, subject):
     page = Page(report.read_text(encoding="utf-8"))
     shown = pixels(next(attrs for attrs in page.all("img") if attrs["alt"] == "the photograph"))
-    photograph, mask = parts["photograph"], parts["mask"]
+    photograph, mask = subject.photograph, subject.mask
     exposure = exposure_for(photograph, mask)
     expected = (photograph * exposure).clamp(0, 1).movedim(0, -1).numpy() ** (1 / 2.2)
     used = mask[0].numpy()
@@ -214,20 +219,17 @@ def test_the_browser_shows_every_picture_offline(report):
     assert plates == [1, 1], "the four pictures of a row do not stand side by side"
 
 
-def test_any_known_shape_and_one_class(parts, tmp_path):
-    penalty = "paper" if parts["result"].posteriors is None else "auto"
+def test_any_known_shape_and_one_class(subject, tmp_path):
+    penalty = "paper" if subject.result.posteriors is None else "auto"
     tilted = torch.zeros(3, 6, 9)
     tilted[0], tilted[2] = torch.linspace(-0.5, 0.5, 9), 1.0
     view = NormalMapView(tilted)
-    library, probe = parts["library"], parts["probe"]
+    library, probe = subject.library, subject.probe
     basis = render_basis(library, probe, view, samples=32)
     photograph = basis.image("red")
     result = BRDFEstimator(basis, MaterialClasses.single(library), penalty)(photograph)
     path = tmp_path / "r.html"
-    write_report(
-        path, photograph=photograph, mask=view.mask, result=result, basis=basis, library=library, probe=probe,
-        view=view, description={}, size=16, samples=16,
-    )  # fmt: skip
+    write_report(path, Subject(photograph, view.mask, result, basis, library, probe, view), {}, size=16, samples=16)
     text = path.read_text(encoding="utf-8")
     Page(text)
     assert ("The result explains" if penalty == "auto" else "The only class explains") in text
@@ -241,24 +243,23 @@ def test_any_known_shape_and_one_class(parts, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda p: {"view": SphereView(24, fov_deg=30.0)}, "the basis images were rendered with another view"),
-        (lambda p: {"probe": p["probe"].scaled(2)}, "the basis images were rendered with another light probe"),
-        (lambda p: {"library": p["library"].without("red")}, "this library is not the one of the reconstruction"),
-        (lambda p: {"basis": p["basis"].without("red")}, "the basis images are not those of this reconstruction"),
-        (lambda p: {"mask": p["mask"][0]}, r"mask must be bool \(1, 24, 24\), got torch.bool \(24, 24\)"),
-        (lambda p: {"photograph": torch.ones(3, 9, 9)}, r"photograph must be \(3, 24, 24\) like the basis images"),
+        (lambda s: {"view": SphereView(24, fov_deg=30.0)}, "the basis images were rendered with another view"),
+        (lambda s: {"probe": s.probe.scaled(2)}, "the basis images were rendered with another light probe"),
+        (lambda s: {"library": s.library.without("red")}, "this library is not the one of the reconstruction"),
+        (lambda s: {"basis": s.basis.without("red")}, "the basis images are not those of this reconstruction"),
+        (lambda s: {"mask": s.mask[0]}, r"mask must be bool \(1, 24, 24\), got torch.bool \(24, 24\)"),
+        (lambda s: {"photograph": torch.ones(3, 9, 9)}, r"photograph must be \(3, 24, 24\) like the basis images"),
     ],
 )
-def test_parts_that_do_not_belong_together(parts, tmp_path, change, message):
+def test_parts_that_do_not_belong_together(subject, change, message):
     with pytest.raises(ValueError, match=message):
-        write_report(tmp_path / "r.html", **{**parts, **change(parts)}, description={})
-    assert list(tmp_path.iterdir()) == []
+        replace(subject, **change(subject))
 
 
-def test_a_batch_is_refused(parts, tmp_path):
-    batch = BRDFEstimator(parts["basis"], MaterialClasses.single(parts["library"]))(parts["photograph"][None])
+def test_a_batch_is_refused(subject):
+    batch = BRDFEstimator(subject.basis, MaterialClasses.single(subject.library))(subject.photograph[None])
     with pytest.raises(ValueError, match=r"a report needs a single reconstruction, this holds a batch; pick one"):
-        write_report(tmp_path / "r.html", **{**parts, "result": batch}, description={})
+        replace(subject, result=batch)
 
 
 @pytest.mark.parametrize(
@@ -314,9 +315,9 @@ def test_the_warnings_of_an_average(probabilities, typical, expected):
         assert warning.startswith(start)
 
 
-def test_the_result_is_shown_and_not_the_best_candidate(parts):
-    evidence = gather(*(parts[key] for key in ("photograph", "mask", "result", "basis", "library", "probe")), 16, 16)
-    result, library = parts["result"], parts["library"]
+def test_the_result_is_shown_and_not_the_best_candidate(subject):
+    evidence = gather(subject, 16, 16)
+    result, library = subject.result, subject.library
     assert torch.equal(evidence.found.table.values, result.brdf(library).values)
     assert torch.allclose(evidence.weights, result.weights.double())
     assert evidence.found.error == pytest.approx(float(result.relative_error), rel=1e-4)
@@ -334,10 +335,10 @@ def test_the_result_is_shown_and_not_the_best_candidate(parts):
     assert (evidence.spread.curve.mean(0) < 1.5 * curve.mean((0, 1))).all()  # a mean over phi_d varies less than a cell
 
 
-def test_the_other_light_is_another(parts):
+def test_the_other_light_is_another(subject):
     """Also for a photograph under the default probe, as in the demo."""
     default = LightProbe.default()
-    assert other_light(parts["probe"]).fingerprint == default.fingerprint
+    assert other_light(subject.probe).fingerprint == default.fingerprint
     turned = other_light(default)
     assert turned.fingerprint != default.fingerprint
     assert torch.allclose(turned.total_power, default.total_power, rtol=0.01)

@@ -11,14 +11,9 @@ from math import isfinite, log2
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from torchbrdf.basis_images import BasisImages
 from torchbrdf.files import writing
-from torchbrdf.library import MaterialLibrary
 from torchbrdf.observability import Observability
-from torchbrdf.probe import LightProbe
-from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.report_candidates import classes_section
 from torchbrdf.report_evidence import (
     LARGE_CLAMPED_SHARE,
@@ -29,7 +24,7 @@ from torchbrdf.report_evidence import (
     SMALL_PROBABILITY,
     TURN_DEG,
     Evidence,
-    check_parts,
+    Subject,
     gather,
 )
 from torchbrdf.report_figures import (
@@ -66,33 +61,23 @@ _LUMINANCE = torch.tensor([0.2126, 0.7152, 0.0722])[:, None, None]
 
 def write_report(
     path: str | os.PathLike[str],
-    *,
-    photograph: Tensor,
-    mask: Tensor,
-    result: Reconstruction,
-    basis: BasisImages,
-    library: MaterialLibrary,
-    probe: LightProbe,
-    view: View,
+    subject: Subject,
     description: Mapping[str, str],
+    *,
     observability: Observability | None = None,
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> None:
     """Write one HTML file that opens offline, with everything inside.
 
-    photograph   (3, H, W)  linear radiance, as given to the estimator
-    mask         (1, H, W)  bool, the pixels that were used
-    result       the reconstruction, a single one
-    basis, library, probe, view  what it was made with
+    subject      the reconstruction and what it was made from
     description  settings to list, name -> value; a "title" becomes the title of the page
     observability  what the light and the view can tell at all, for a section of its own
     size         pixels along a side of the spheres under other light
     samples      light samples a pixel for them
-    Raises ValueError where the parts do not belong together; the file is whole or absent.
+    The file is whole or absent.
     """
-    check_parts(photograph, mask, result, basis, library, probe, view)
-    evidence = gather(photograph, mask, result, basis, library, probe, size, samples)
+    evidence, view = gather(subject, size, samples), subject.view
     settings = {key: str(value) for key, value in description.items()}
     title = settings.pop("title", "") or "BRDF from a photograph"
     body = [
@@ -105,7 +90,7 @@ def write_report(
         classes_section(evidence, view),
         _curves(evidence),
         _weights(evidence),
-        _settings(settings, result, basis, library),
+        _settings(settings, subject),
     ]
     with writing(path) as temporary:
         temporary.write_text(page(title, body), encoding="utf-8")
@@ -284,7 +269,8 @@ def _weights(evidence: Evidence) -> str:
     )
 
 
-def _settings(settings: Mapping[str, str], result: Reconstruction, basis: BasisImages, library: MaterialLibrary) -> str:
-    made = {"materials": str(len(library)), "basis images": basis.description}
-    prints = {"library": result.library, "light probe": basis.probe, "view": basis.view}
+def _settings(settings: Mapping[str, str], subject: Subject) -> str:
+    basis = subject.basis
+    made = {"materials": str(len(subject.library)), "basis images": basis.description}
+    prints = {"library": basis.library, "light probe": basis.probe, "view": basis.view}
     return section("Settings and fingerprints", definitions({**settings, **made}), definitions(prints, "print"))

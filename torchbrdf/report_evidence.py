@@ -50,6 +50,45 @@ _MAX_PROBE_HEIGHT = 512
 
 
 @dataclass(frozen=True, eq=False)
+class Subject:
+    """What a report is about: a reconstruction and what it was made from.
+
+    photograph   (3, H, W)  linear radiance, as given to the estimator
+    mask         (1, H, W)  bool, the pixels that were used
+    result       the reconstruction, a single one
+    basis, library, probe, view  what it was made with
+    Raises ValueError where these do not belong together.
+    """
+
+    photograph: Tensor
+    mask: Tensor
+    result: Reconstruction
+    basis: BasisImages
+    library: MaterialLibrary
+    probe: LightProbe
+    view: View
+
+    def __post_init__(self) -> None:
+        """Check that the parts belong together."""
+        photograph, mask, result = self.photograph, self.mask, self.result
+        basis, library = self.basis, self.library
+        if result.class_index.ndim:
+            raise ValueError("a report needs a single reconstruction, this holds a batch; pick one: result[i]")
+        if photograph.shape != (shape := (3, *basis.size)):
+            raise ValueError(f"photograph must be {shape} like the basis images, got {tuple(photograph.shape)}")
+        if mask.shape != (shape := (1, *basis.size)) or mask.dtype != torch.bool:
+            raise ValueError(f"mask must be bool {shape}, got {mask.dtype} {tuple(mask.shape)}")
+        if (basis.library, basis.names) != (result.library, result.names):
+            raise ValueError("the basis images are not those of this reconstruction: another library")
+        if (library.source, library.names) != (result.library, result.names):
+            raise ValueError("this library is not the one of the reconstruction")
+        if basis.probe != self.probe.fingerprint:
+            raise ValueError("the basis images were rendered with another light probe")
+        if basis.view != self.view.fingerprint:
+            raise ValueError("the basis images were rendered with another view")
+
+
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """What one class makes of the photograph, or the result itself.
 
@@ -179,50 +218,15 @@ class Evidence:
         return found
 
 
-def check_parts(
-    photograph: Tensor,
-    mask: Tensor,
-    result: Reconstruction,
-    basis: BasisImages,
-    library: MaterialLibrary,
-    probe: LightProbe,
-    view: View,
-) -> None:
-    """Raise ValueError where the parts of a report do not belong together; see `report.write_report`."""
-    if result.class_index.ndim:
-        raise ValueError("a report needs a single reconstruction, this holds a batch; pick one: result[i]")
-    if photograph.shape != (3, *basis.size):
-        raise ValueError(f"photograph must be {(3, *basis.size)} like the basis images, got {tuple(photograph.shape)}")
-    if mask.shape != (1, *basis.size) or mask.dtype != torch.bool:
-        raise ValueError(f"mask must be bool {(1, *basis.size)}, got {mask.dtype} {tuple(mask.shape)}")
-    if (basis.library, basis.names) != (result.library, result.names):
-        raise ValueError("the basis images are not those of this reconstruction: another library")
-    if (library.source, library.names) != (result.library, result.names):
-        raise ValueError("this library is not the one of the reconstruction")
-    if basis.probe != probe.fingerprint:
-        raise ValueError("the basis images were rendered with another light probe")
-    if basis.view != view.fingerprint:
-        raise ValueError("the basis images were rendered with another view")
-
-
-def gather(
-    photograph: Tensor,
-    mask: Tensor,
-    result: Reconstruction,
-    basis: BasisImages,
-    library: MaterialLibrary,
-    probe: LightProbe,
-    size: int,
-    samples: int,
-) -> Evidence:
+def gather(subject: Subject, size: int, samples: int) -> Evidence:
     """Tables and renderings of the result and of all candidates, on the CPU.
 
     size     pixels along a side of the spheres under light that was not observed
     samples  light transport samples a pixel for them
     """
-    probe = probe.to("cpu")
-    used = mask.cpu() & basis.mask.cpu()
-    y = photograph.detach().cpu()
+    result, basis, library, probe = subject.result, subject.basis, subject.library, subject.probe.to("cpu")
+    used = subject.mask.cpu() & basis.mask.cpu()
+    y = subject.photograph.detach().cpu()
     chosen = int(result.class_index)
     averaged = result.posteriors is not None or not torch.equal(result.weights, result.class_weights[chosen])
     sphere = SphereView(size)

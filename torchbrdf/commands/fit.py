@@ -127,30 +127,23 @@ def write_results(
 ) -> None:
     """Write brdf.binary, weights.json, fitted.exr and report.html into a folder."""
     from torchbrdf.report import write_report
+    from torchbrdf.report_evidence import Subject
 
     fitted.table.save(folder / "brdf.binary")
     write_image(folder / "fitted.exr", fitted.image)
     with writing(folder / "weights.json") as path:
         path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")
-    write_report(
-        folder / "report.html",
-        photograph=fitted.observation.image,
-        mask=fitted.observation.mask,
-        result=fitted.result,
-        basis=fitted.basis,
-        library=library,
-        probe=probe,
-        view=fitted.view,
-        observability=fitted.estimator.observability(library),
-        description=settings
-        | {
-            "penalty": str(fitted.estimator.penalty),
-            "constraint": str(fitted.estimator.constraint or "none"),
-            "outliers": "left out" if fitted.estimator.robust else "used",
-            "classes": f"{fitted.classes.sizes} basis BRDFs",
-            "basis images": fitted.basis.description,
-        },
-    )
+    seen = fitted.observation
+    subject = Subject(seen.image, seen.mask, fitted.result, fitted.basis, library, probe, fitted.view)
+    description = settings | {
+        "penalty": str(fitted.estimator.penalty),
+        "constraint": str(fitted.estimator.constraint or "none"),
+        "outliers": "left out" if fitted.estimator.robust else "used",
+        "classes": f"{fitted.classes.sizes} basis BRDFs",
+        "basis images": fitted.basis.description,
+    }
+    observability = fitted.estimator.observability(library)
+    write_report(folder / "report.html", subject, description, observability=observability)
 
 
 def weights_record(fitted: Fit) -> dict[str, object]:
