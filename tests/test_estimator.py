@@ -407,6 +407,20 @@ class TestGradients:
         assert image.grad.dtype == torch.float32
         assert torch.isfinite(image.grad).all()
 
+    @pytest.mark.xfail(strict=True, raises=RuntimeError, reason="what the estimator keeps is made in the caller's mode")
+    @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+    @pytest.mark.parametrize("method", ["auto", "fixed", "robust", "nonnegative"])
+    def test_gradients_after_a_first_use_in_inference_mode(self, basis: BasisImages, method: str, dtype: torch.dtype):
+        """Factors and what else is kept from the first photograph on serve those with gradients, too."""
+        used, fresh = (BRDFEstimator(basis, classes_of(), **METHODS[method]) for _ in range(2))
+        for mask in (None, some_masks()):
+            with torch.inference_mode():
+                used(some_images(seed=6).to(dtype), mask)
+            images = [some_images().to(dtype).requires_grad_() for _ in range(2)]
+            for one, image in zip((used, fresh), images, strict=True):
+                one(image, mask).weights.square().sum().backward()
+            assert torch.equal(images[0].grad, images[1].grad)
+
     def test_no_gradient_reaches_the_basis(self, estimator: BRDFEstimator):
         assert [p for p in estimator.parameters() if p.requires_grad] == []
         assert not estimator(some_images()).weights.requires_grad
