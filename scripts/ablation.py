@@ -52,9 +52,9 @@ def evidence(first: int = 0, last: int | None = None) -> Rule:
     """Averaged by evidence over the priors first ... last - 1."""
 
     def rule(found: Explanation, _: Tensor) -> Tensor:
-        some = torch.full_like(found.log_evidence, -torch.inf)
-        some[:, first:last] = found.log_evidence[:, first:last]
-        return torch.softmax(some.flatten(1), 1).reshape(some.shape)
+        some = torch.zeros_like(found.shares)
+        some[:, first:last] = found.shares[:, first:last]
+        return some / some.sum((1, 2), keepdim=True)
 
     return rule
 
@@ -134,15 +134,18 @@ VARIATIONS = (
     Variation("priors: without neighbourhoods", rule=evidence(0, K + 3)),
     Variation("the most probable prior and penalty, no average", rule=most_probable),
     Variation("a neighbourhood of the photograph itself, too", own=True),
-    Variation("w >= 0", positive=True),
     Variation("residuals not weighted", {"DARKEST": 1e6}),
     Variation("residuals weighted by the photograph", photograph=True),
     *(Variation(f"DARKEST {x:g}", {"DARKEST": x}) for x in (0.1, 1.0)),
-    *(Variation(f"CORRELATION {x:g}", {"CORRELATION": x}) for x in (1.0, 2.0, 4.0, 16.0, 32.0)),
-    *(Variation(f"NOISE_FLOOR {x:g}", {"NOISE_FLOOR": x}) for x in (0.0, 0.003, 0.012, 0.024)),
+    *(Variation(f"TRUSTED {x:g}", {"TRUSTED": x}) for x in (0.5, 1.0, 4.0, 16.0)),
+    Variation("evidence as it is (TRUSTED without end)", {"TRUSTED": 1e9}),
+    *(Variation(f"CORRELATION {x:g}", {"CORRELATION": x}) for x in (1.0, 4.0, 8.0, 32.0)),
+    *(Variation(f"NOISE_FLOOR {x:g}", {"NOISE_FLOOR": x}) for x in (0.0, 0.006, 0.012)),
     *(Variation(f"NEIGHBOURHOODS {x}", {"NEIGHBOURHOODS": x}) for x in (5, 20)),
-    *(Variation(f"REACH {x:g}", {"REACH": x}) for x in (0.15, 0.4)),
-    *(Variation(f"CUT {x:g}", {"CUT": x}) for x in (1e-5, 2e-4, 1e-3)),
+    *(Variation(f"REACH {x:g}", {"REACH": x}) for x in (0.1, 0.15, 0.3)),
+    Variation("p = 1/4 only", {"POWERS": (0.25,)}),
+    Variation("28 penalties from 1e-9", {"PENALTIES": torch.logspace(-9, 1, 28, dtype=torch.float64)}),
+    *(Variation(f"CUT {x:g}", {"CUT": x}) for x in (1e-5, 2e-4)),
 )
 
 

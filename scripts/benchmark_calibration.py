@@ -13,8 +13,8 @@ UNMODELLED, and intervals that are the same share of these units everywhere, the
 cases. CRPS is the mean absolute error of a whole distribution: smaller is better, and width without need costs.
 
 With --leave-out the targets are materials of the library, rendered with other random numbers than the basis, and left
-out of it together with so many materials most like them. UNMODELLED and CLASS_PIXELS were fitted to these, and
-INFLATION but for a margin that was taken with the measured materials in sight (docs/uncertainty.md). There it is also
+out of it together with so many materials most like them. INFLATION and UNMODELLED are chosen on these
+(docs/uncertainty.md). There it is also
 counted how often the class of a material is the one named.
 """
 
@@ -37,12 +37,12 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.posterior import INFLATION, UNMODELLED, class_probabilities
+from torchbrdf.posterior import INFLATION, UNMODELLED
 from torchbrdf.transport import DEFAULT_SAMPLES
 
 Z_90, Z_50 = 1.645, 0.6745
 DARKEST = 0.3
-SETTINGS = tuple((a, b) for a in (1.0, 2.0, 2.5, 3.0) for b in (0.0, UNMODELLED))
+SETTINGS = tuple((a, b) for a in (1.0, 1.5, 2.0, 2.5) for b in (0.0, UNMODELLED))
 """INFLATION and UNMODELLED, the default among them."""
 
 CONSTANTS = tuple(0.0025 * 1.25**i for i in range(22))
@@ -213,10 +213,6 @@ class Naming:
     right: bool
 
 
-def _certainties(evidence: Tensor, pixels: int) -> tuple[Tensor, Tensor]:
-    return class_probabilities(evidence, 1).max(), class_probabilities(evidence, pixels).max()
-
-
 def left_out(
     library: tb.MaterialLibrary, bases: Bases, again: Bases, options: argparse.Namespace, others: int
 ) -> tuple[list[Case], list[Naming]]:
@@ -242,12 +238,11 @@ def left_out(
             posteriors = results.posteriors
             if posteriors is None:
                 raise ValueError("the default penalty must give posteriors for its class probabilities to be judged")
-            explanation, _, pixels = posteriors.groups[0]
-            evidence = explanation.log_evidence[:, : classes.n_classes]
+            evidence = torch.logsumexp(posteriors.groups[0][0].log_evidence[:, : classes.n_classes], -1)
+            plain, named = torch.softmax(evidence, -1), results.class_probabilities
             for k, level in enumerate(levels):
-                plain, tempered = (float(p) for p in _certainties(evidence[k : k + 1], pixels))
-                right = int(torch.logsumexp(evidence[k], -1).argmax()) == label
-                namings.append(Naming(tempered, plain, right))
+                right = int(named[k].argmax()) == label
+                namings.append(Naming(float(named[k].max()), float(plain[k].max()), right))
                 for novel in bases:
                     if novel != probe:
                         cases.append(compare(results[k], less[novel], truth[novel], material, probe, novel, level))

@@ -147,7 +147,7 @@ def of_cropped(cropped: Tensor, whole: ImageSpace, used: Tensor) -> ImageSpace:
 
 def mean_weights(found: Explanation, least: float = 0.0) -> Tensor:
     """Posterior mean (B, n, 3); of priors more probable than `least` only."""
-    shares = torch.softmax(found.log_evidence.flatten(1), 1).reshape(found.log_evidence.shape)
+    shares = found.shares
     if least:
         keep = torch.nonzero((shares.sum(-1) > least).any(0)).ravel()
         found, shares = some_priors(found, keep), shares[:, keep]

@@ -12,12 +12,12 @@ from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.constraints import CONSTRAINTS, Constraint, constrain
 from torchbrdf.energy_bounds import EnergyBounds
-from torchbrdf.image_space import ImageSpace
+from torchbrdf.image_space import ImageSpace, lasting
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.observability import Observability, observability
 from torchbrdf.observation import check_observation, groups_by_mask
 from torchbrdf.packing import Frames
-from torchbrdf.posterior import PosteriorBatch, class_probabilities
+from torchbrdf.posterior import PosteriorBatch
 from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
@@ -29,9 +29,6 @@ Penalty = Literal["auto", "paper"] | float
 DEFAULT_PENALTY: Penalty = "auto"
 
 Solver = Literal["factored", "lstsq"]
-
-NEGLIGIBLE = 1e-12
-"""Priors of less probability than this do not enter the weights."""
 
 OUTLIER = 8.0
 """With `robust`, pixels whose residual is above this many robust standard deviations are left out."""
@@ -143,6 +140,7 @@ class BRDFEstimator(nn.Module):
         return Frames(tuple(buffer for name, buffer in buffers if name.startswith("mask_")))
 
     @property
+    @lasting
     def bank(self) -> PriorBank:
         """The factored priors of the whole view, made at first use and once a device."""
         if self._bank is None or self._bank.variances.device != self.packed.device:
@@ -239,19 +237,12 @@ class BRDFEstimator(nn.Module):
         bank, whole = self._bank_of(used), bool(used.all())
         found = bank.explain(y if whole else y[..., used])
         k = self.classes.n_classes
-        of_prior = torch.logsumexp(found.log_evidence, -1)
-        each, within = torch.softmax(of_prior, -1), torch.softmax(found.log_evidence, -1)
-        shares = each[..., None] * within
-        wanted = each.detach() > NEGLIGIBLE
-        wanted[:, :k] = True
-        rows, priors = torch.nonzero(wanted, as_tuple=True)
-        parts = found.parts(within, rows, priors)
-        weights = y.new_zeros(len(y), *parts.shape[1:], dtype=parts.dtype)
-        weights = weights.index_add(0, rows, each[rows, priors][:, None, None] * parts)
-        class_weights = parts[priors < k].unflatten(0, (len(y), k))
+        parts = found.components(found.of_penalties)
+        weights = (found.of_priors[..., None, None] * parts).sum(1)
+        class_weights = parts[:, :k]
         optimality = weights.new_zeros(len(weights), 3)
         if self.constraint is not None and len(weights):
-            closest = constrain(weights, found.precision(shares), self.constraint, self._bounds)
+            closest = constrain(weights, found.precision(found.shares), self.constraint, self._bounds)
             weights, optimality = closest.weights, closest.optimality
         fitted = self.bank.space.render(weights, y.dtype)
         residual = y - fitted if whole else (y - fitted)[..., used]
@@ -262,11 +253,12 @@ class BRDFEstimator(nn.Module):
             class_weights=class_weights.mT,
             fitted=fitted,
             errors=torch.cat([error, (error + growth).clamp_min(0)], 1),
-            probabilities=class_probabilities(found.log_evidence[:, :k], int(used.sum())),
+            probabilities=found.of_classes(k),
             optimality=optimality,
-            evidence=(found.detach(), shares.detach()),
+            evidence=(found.detach(), found.shares.detach()),
         )
 
+    @lasting
     def _bank_of(self, used: Tensor) -> PriorBank:
         """The priors in the space of the pixels used; the last mask is remembered."""
         whole = self.bank
@@ -312,6 +304,7 @@ class BRDFEstimator(nn.Module):
             optimality=optimality[row, best],
         )
 
+    @lasting
     def _class_factors(self, basis: Tensor, cached: bool) -> list[GramFactor]:
         """The factors of all classes; those of the unmasked basis are made once a device."""
         if not cached:

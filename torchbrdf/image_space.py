@@ -5,9 +5,10 @@ photographs and renderings are wrong by a share of the radiance, and black ones 
 Weights that come from the basis instead of the photograph leave the factorisation to be made once a probe.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -23,6 +24,14 @@ _ROUNDING = 1e-12
 
 _BRIEF = 0.5
 """Up to this share of pixels left out, the Gram matrix loses them; above it is formed anew from those left."""
+
+
+Made = TypeVar("Made")
+
+
+def lasting(make: Callable[..., Made]) -> Callable[..., Made]:
+    """What is made once enters graphs later, even where it is first needed in `torch.inference_mode`."""
+    return torch.inference_mode(False)(torch.no_grad()(make))
 
 
 def residual_scale(image: Tensor, sizes: Sequence[int]) -> Tensor:
@@ -71,6 +80,7 @@ class ImageSpace:
         return cls(scale, u, u.mT @ weighted)
 
     @cached_property
+    @lasting
     def single(self) -> Tensor:
         """U in float32, to render with: there nothing amplifies its rounding."""
         return self.u.float()
@@ -101,11 +111,13 @@ class ImageSpace:
         return ImageSpace(self.scale[:, used], u, singular[..., None] * v.mT @ self.r, self.photographs)
 
     @cached_property
+    @lasting
     def inverse(self) -> Tensor:
         """(3, P): 1 / scale, 0 in a channel without light."""
         return _inverse(self.scale)
 
     @cached_property
+    @lasting
     def overlap(self) -> Tensor:
         """(3, r, r): U^T diag(scale^2) U, what squares of differences between images are in these coordinates."""
         columns = self.u * self.scale[..., None]

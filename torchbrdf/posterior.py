@@ -24,10 +24,6 @@ their re-rendered pixels in the 90 % interval. Measured materials are further fr
 UNMODELLED = 0.01
 """And what is predicted is wrong by this share: basis images, the grid of cells, photographs."""
 
-CLASS_PIXELS = 30
-"""A photograph tells as much about the class as this many pixels, however many it has: the classes' priors are wrong in
-the same way at every pixel. Chosen for class probabilities that are frequencies, docs/uncertainty.md."""
-
 TAIL = 1e-2
 """Share of the variance that `brdf_std` leaves out to be faster: below 1 % of the median cell's standard deviation."""
 
@@ -36,11 +32,6 @@ _LEAST = 1e-3
 
 _ROUNDING = 1e-14
 """Directions with less than this share of the largest variance are rounding of the covariance."""
-
-
-def class_probabilities(log_evidence: Tensor, pixels: int) -> Tensor:
-    """Of K classes (B, K) from the evidence (B, K, L) of their priors over that many pixels; flatter than softmax."""
-    return torch.softmax(torch.logsumexp(log_evidence, -1) / max(1.0, pixels / CLASS_PIXELS), -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,8 @@
 A prior says w ~ N(a mu, tau^2 diag(S)): materials look like a scaled mean, and deviate by some basis BRDFs more than
 by others. [CBP21] has one for each class; here are the classes, the whole library, and neighbourhoods of materials
 that look alike under this light: a mixture of Gaussians over the manifold of materials. Each has a grid of penalties
-lambda = sigma^2 / tau^2, and all are averaged by their evidence [Mac92], so nothing is tuned by hand, and nothing is
-chosen that the photograph does not tell apart.
+lambda = sigma^2 / tau^2, and all are averaged by a power of their evidence [Mac92, Gru12], so nothing is tuned by hand,
+and nothing is chosen that the photograph does not tell apart.
 
 Shapes: M priors, L penalties, n basis BRDFs, r coordinates of the image space, B photographs.
 """
@@ -15,31 +15,34 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from torchbrdf.image_space import ImageSpace
+from torchbrdf.image_space import ImageSpace, lasting
 
-PENALTIES = torch.logspace(-9, 1, 28, dtype=torch.float64)
-"""lambda of every prior, in units of trace(R S R^T) / n."""
+PENALTIES = torch.logspace(-5.5, 1, 9, dtype=torch.float64)
+"""lambda of every prior, in units of trace(R S R^T) / n. Less than the smallest amplifies rounding, and wins nothing."""
 
-CORRELATION = 8.0
+CORRELATION = 16.0
 """Neighbouring residuals are not independent: this many pixels of a sphere of 64 x 64 say as much as one. Chosen in
 docs/ablation.md."""
 
 _SPHERE = 3080
 """The pixels of that sphere. Fewer pixels lie farther apart, and say more each."""
 
-NOISE_FLOOR = 0.006
+TRUSTED = 2.0
+"""Which prior and penalty are right, a photograph tells as surely as this many independent pixels, however many it has:
+every prior is wrong, and in the same way at every pixel. Also in docs/ablation.md."""
+
+NOISE_FLOOR = 0.003
 """Basis images and photographs are wrong by at least this share, however well they agree."""
 
 POWERS = (0.0, 0.25, 0.5)
-"""The whole library: S = |b_i|^(-2 p), so that BRDFs with high peaks may deviate less."""
+"""p of S = |b_i|^(-2 p), so that BRDFs with high peaks may deviate less: of the whole library and of neighbourhoods."""
 
 NEIGHBOURHOODS = 10
 """Neighbourhoods at most: those around materials that are farthest from all before."""
 
-REACH = 0.25
+REACH = 0.2
 """Radians between weighted basis images over which a neighbourhood fades."""
 
-_LOCAL_POWER = 0.25
 _SMALLEST_VARIANCE = 1e-6
 """Of a basis BRDF in a constrained solve, for its precision to be finite."""
 
@@ -68,7 +71,7 @@ def farthest_points(distances: Tensor, count: int, nearest: float) -> list[int]:
 
 
 def prior_variances(membership: Tensor, norms: Tensor, space: ImageSpace) -> Tensor:
-    """S (M, n) of all priors, each of mean 1: the K classes, the whole library, neighbourhoods.
+    """S (M, n) of all priors, each of mean 1: the K classes; with every power the whole library, then neighbourhoods.
 
     membership  (K, n) bool  the basis BRDFs of every class
     norms       (n,)         |b_i|
@@ -78,8 +81,8 @@ def prior_variances(membership: Tensor, norms: Tensor, space: ImageSpace) -> Ten
     whole = torch.stack([relative ** (-2 * power) for power in POWERS])
     angles = image_angles(space)
     centres = farthest_points(angles, NEIGHBOURHOODS, _ALIKE)
-    local = torch.exp(-((angles[centres] / REACH) ** 2)) * relative ** (-2 * _LOCAL_POWER)
-    variances = torch.cat([membership.to(whole), whole, local])
+    local = torch.exp(-((angles[centres] / REACH) ** 2)) * whole[:, None]
+    variances = torch.cat([membership.to(whole), whole, local.flatten(0, 1)])
     return variances / variances.mean(1, keepdim=True)
 
 
@@ -121,6 +124,7 @@ class PriorBank:
         return cls(space, variances, means, values, vectors, penalties, mean_images, damping)
 
     @cached_property
+    @lasting
     def log_damping(self) -> Tensor:
         """(M, 3, L): sum of log damping over the directions."""
         return self.damping.log().sum(-1)
@@ -130,6 +134,11 @@ class PriorBank:
         """How many independent pixels say as much as those of the space."""
         pixels = self.space.scale.shape[-1]
         return pixels / (1 + (CORRELATION - 1) * pixels / (_SPHERE * self.space.photographs))
+
+    @property
+    def temperature(self) -> float:
+        """What log evidence is divided by, for a photograph to count as TRUSTED pixels."""
+        return max(1.0, self.independent_pixels / (TRUSTED * self.space.photographs))
 
     def masked(self, used: Tensor) -> "PriorBank":
         """The same priors in the space of some pixels only."""
@@ -169,20 +178,39 @@ class Explanation:
     quadratic: Tensor
     log_evidence: Tensor
 
+    @cached_property
+    def _tempered(self) -> Tensor:
+        return self.log_evidence / self.bank.temperature
+
+    @property
+    def of_penalties(self) -> Tensor:
+        """(B, M, L): probabilities of the penalties of each prior."""
+        return torch.softmax(self._tempered, -1)
+
+    @property
+    def of_priors(self) -> Tensor:
+        """(B, M): probabilities of the priors."""
+        return torch.softmax(torch.logsumexp(self._tempered, -1), -1)
+
+    def of_classes(self, k: int) -> Tensor:
+        """(B, K): probabilities of the first K priors, the classes, given that one is right, with its best penalties."""
+        return torch.softmax(torch.logsumexp(self.log_evidence[:, :k], -1) / self.bank.temperature, -1)
+
+    @property
+    def shares(self) -> Tensor:
+        """(B, M, L): probabilities of all pairs of prior and penalty."""
+        return self.of_priors[..., None] * self.of_penalties
+
     def components(self, shares: Tensor) -> Tensor:
         """Each prior's part (B, M, 3, n) of the posterior mean, for shares (B, M, L)."""
-        every = torch.ones_like(shares[..., 0], dtype=torch.bool)
-        return self.parts(shares, *torch.nonzero(every, as_tuple=True)).unflatten(0, every.shape)
-
-    def parts(self, shares: Tensor, rows: Tensor, priors: Tensor) -> Tensor:
-        """The same of N pairs of photograph and prior only: (N, 3, n)."""
         bank = self.bank
         weight = shares.transpose(0, 1)[:, None] / bank.penalties[:, :, None]  # (M, 3, B, L)
         filtered = (weight @ bank.damping) * self.deviation.movedim(0, 2)
-        towards = (filtered @ bank.vectors.mT)[priors, :, rows]
-        deviations = (towards.transpose(0, 1) @ bank.space.r).transpose(0, 1)
-        level = shares[rows, priors].sum(-1, keepdim=True) * self.brightness[rows, priors]
-        return bank.variances[priors, None] * deviations + level[..., None] * bank.means[priors, None]
+        towards = (filtered @ bank.vectors.mT).transpose(0, 1)  # (3, M, B, r): one product with R for all of them
+        deviations = (towards.flatten(1, 2) @ bank.space.r).unflatten(1, towards.shape[1:3])
+        level = shares.sum(-1).mT * self.brightness.movedim(0, -1).transpose(0, 1)  # (3, M, B)
+        parts = bank.variances[:, None] * deviations + level[..., None] * bank.means[:, None]
+        return parts.permute(2, 1, 0, 3)
 
     def precision(self, shares: Tensor) -> Tensor:
         """R^T R + lambda S^-1 (B, 3, n, n), with the most probable prior and penalty of each photograph."""
