@@ -18,7 +18,7 @@ from torch import Tensor
 from torchbrdf.image_space import ImageSpace, lasting
 
 PENALTIES = torch.logspace(-5.5, 1, 9, dtype=torch.float64)
-"""lambda of every prior, in units of trace(R S R^T) / n. Less than the smallest amplifies rounding, and wins nothing."""
+"""lambda of every prior, in units of trace(R S R^T) / n. Smaller ones amplify rounding and win nothing."""
 
 CORRELATION = 16.0
 """Neighbouring residuals are not independent: this many pixels of a sphere of 64 x 64 say as much as one. Chosen in
@@ -193,7 +193,7 @@ class Explanation:
         return torch.softmax(torch.logsumexp(self._tempered, -1), -1)
 
     def of_classes(self, k: int) -> Tensor:
-        """(B, K): probabilities of the first K priors, the classes, given that one is right, with its best penalties."""
+        """(B, K): probabilities of the first K priors, the classes, with all penalties, given that one is right."""
         return torch.softmax(torch.logsumexp(self.log_evidence[:, :k], -1) / self.bank.temperature, -1)
 
     @property
