@@ -45,7 +45,7 @@ BATCHES = (1, 4, 16, 64, 256)
 CUTS = (1e-7, 1e-6, 1e-5, 5e-5, 5e-4, 5e-3)
 """Truncations; the first is the reference of all others."""
 KEPT = {"1 % left out": 0.99, "half left": 0.5, "1 % left": 0.01}
-LEAST = (1e-3, 1e-6, 1e-12)
+LEAST = (1e-2, 1e-3, 1e-4)
 MARGIN = 1e-3
 
 

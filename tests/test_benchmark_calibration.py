@@ -57,6 +57,15 @@ def test_tables_group_by_label_and_brightness():
     assert calibration.by_brightness(cases).splitlines()[2].startswith("| 1 to 3 x mean | 100.0 |")
 
 
+def test_constants_chosen_on_one_half_are_reported_on_the_other():
+    """Honest materials need no inflation, which leaves their rivals, of twice the error, uncovered; and the reverse."""
+    cases = [case(0.02, (0.02, 0.04)[i % 2], i, material=f"m{i}", novel="b") for i in range(4)]
+    lines = [line.strip("| ").split(" | ") for line in calibration.halves(cases).splitlines()[2:]]
+    assert [line[:2] for line in lines] == [["m0, m2", "1"], ["m1, m3", "2"]]
+    assert float(lines[0][3]) < 75
+    assert float(lines[1][3]) > 99
+
+
 def test_reliability_counts_what_was_right():
     namings = [calibration.Naming(0.7, 1.0, i < 3) for i in range(4)] + [calibration.Naming(0.95, 1.0, True)]
     lines = calibration.reliability(namings).splitlines()[2:]

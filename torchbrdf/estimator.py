@@ -216,7 +216,7 @@ class BRDFEstimator(nn.Module):
             for _ in range(_ROUNDS):
                 found = []
                 for b in range(len(y)):
-                    fitted = self._solve(y[b : b + 1], kept[b]).fitted[0]
+                    fitted = self._fitted(y[b : b + 1], kept[b])[0]
                     residual = ((fitted - y[b]) / scale).abs().amax(0)
                     spread = residual[kept[b]].median() / 0.6745
                     found.append(used[b] & (residual <= OUTLIER * spread))
@@ -228,6 +228,12 @@ class BRDFEstimator(nn.Module):
                 kept = new
         return kept
 
+    def _fitted(self, y: Tensor, used: Tensor) -> Tensor:
+        """What the weights show (B, 3, P), without constraint: less work than a whole solution."""
+        if self.penalty == "auto":
+            return self.bank.space.render(self._bank_of(used).explain(y[..., used]).mean, y.dtype)
+        return self._choose(y.double(), used).fitted
+
     def _solve(self, y: Tensor, used: Tensor) -> _Solution:
         """Photographs y (B, 3, P) that share the pixels used (P,)."""
         return self._average(y, used) if self.penalty == "auto" else self._choose(y.double(), used)
@@ -238,8 +244,7 @@ class BRDFEstimator(nn.Module):
         found = bank.explain(y if whole else y[..., used])
         k = self.classes.n_classes
         parts = found.components(found.of_penalties)
-        weights = (found.of_priors[..., None, None] * parts).sum(1)
-        class_weights = parts[:, :k]
+        weights, class_weights = found.averaged(parts), parts[:, :k]
         optimality = weights.new_zeros(len(weights), 3)
         if self.constraint is not None and len(weights):
             closest = constrain(weights, found.precision(found.shares), self.constraint, self._bounds)

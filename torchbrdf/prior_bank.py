@@ -201,6 +201,15 @@ class Explanation:
         """(B, M, L): probabilities of all pairs of prior and penalty."""
         return self.of_priors[..., None] * self.of_penalties
 
+    @property
+    def mean(self) -> Tensor:
+        """(B, 3, n): the posterior mean of the weights."""
+        return self.averaged(self.components(self.of_penalties))
+
+    def averaged(self, parts: Tensor) -> Tensor:
+        """(B, 3, n): what every prior says (B, M, 3, n), weighted by its probability."""
+        return (self.of_priors[..., None, None] * parts).sum(1)
+
     def components(self, shares: Tensor) -> Tensor:
         """Each prior's part (B, M, 3, n) of the posterior mean, for shares (B, M, L)."""
         bank = self.bank
