@@ -239,18 +239,30 @@ class TestComponents:
             found = together.components(shares.expand_as(together.log_evidence))[b]
             assert torch.allclose(found, alone.components(shares)[0], rtol=1e-9, atol=1e-12)
 
-    def test_precision_is_that_of_the_most_probable(self):
+    def test_precision_of_one_pair_and_of_the_average(self):
+        """R^T R + lambda S^-1 of the only pair; for two, variances over penalties are averaged."""
         bank = bank_of(images())
         found = bank.explain(photographs())
         shares = torch.zeros_like(found.log_evidence)
-        shares[0, 4, 7] = shares[1, 3, 2] = 0.7
-        shares[0, 2, 2] = 0.3
+        shares[0, 4, 7] = 1
+        shares[1, 3, 2], shares[1, 2, 5] = 0.7, 0.3
         precision = found.precision(shares)
-        for b, (m, k) in enumerate([(4, 7), (3, 2)]):
-            for s in range(3):
-                r, variance = bank.space.r[s], bank.variances[m].clamp_min(1e-6)
-                expected = r.T @ r + torch.diag(bank.penalties[m, s, k] / variance)
-                assert torch.allclose(precision[b, s], expected, rtol=1e-12)
+        for s in range(3):
+            r = bank.space.r[s]
+            one = bank.variances[4] / bank.penalties[4, s, 7]
+            two = 0.7 * bank.variances[3] / bank.penalties[3, s, 2] + 0.3 * bank.variances[2] / bank.penalties[2, s, 5]
+            for b, variance in enumerate((one, two)):
+                assert torch.allclose(precision[b, s], r.T @ r + torch.diag(1 / variance), rtol=1e-12)
+
+    def test_precision_is_finite_outside_a_class(self):
+        bank = bank_of(images())
+        found = bank.explain(photographs(1))
+        shares = torch.zeros_like(found.log_evidence)
+        shares[0, 1, 3] = 1
+        diagonal = (found.precision(shares)[0] - bank.space.r.mT @ bank.space.r).diagonal(dim1=-2, dim2=-1)
+        for s in range(3):
+            outside = float(bank.penalties[1, s, 3]) * 1e6
+            assert torch.allclose(diagonal[s, ~MEMBERSHIP[1]], torch.tensor(outside).double(), rtol=1e-6)
 
 
 class TestPlantedTruth:

@@ -44,7 +44,7 @@ REACH = 0.2
 """Radians between weighted basis images over which a neighbourhood fades."""
 
 _SMALLEST_VARIANCE = 1e-6
-"""Of a basis BRDF in a constrained solve, for its precision to be finite."""
+"""Of a basis BRDF in a constrained solve, relative to the mean of all, for its precision to be finite."""
 
 _ALIKE = 0.02
 """Radians: a material nearer than this to a centre needs no neighbourhood of its own."""
@@ -222,14 +222,14 @@ class Explanation:
         return parts.permute(2, 1, 0, 3)
 
     def precision(self, shares: Tensor) -> Tensor:
-        """R^T R + lambda S^-1 (B, 3, n, n), with the most probable prior and penalty of each photograph."""
+        """R^T R + T^-1 (B, 3, n, n), with T the prior variances S / lambda averaged by shares (B, M, L).
+
+        The metric of no single pair would do for the average: a neighbourhood hardly lets materials far from it move.
+        """
         bank = self.bank
-        best = shares.flatten(1).argmax(1)
-        m, k = best // shares.shape[2], best % shares.shape[2]
-        variances = bank.variances[m].clamp_min(_SMALLEST_VARIANCE)
-        penalty = bank.penalties[m, :, k]
-        prior = torch.diag_embed(penalty[..., None] / variances[:, None])
-        return bank.space.r.mT @ bank.space.r + prior
+        variances = torch.einsum("bml,msl,mn->bsn", shares, 1 / bank.penalties, bank.variances)
+        least = _SMALLEST_VARIANCE * variances.mean(-1, keepdim=True)
+        return bank.space.r.mT @ bank.space.r + torch.diag_embed(1 / torch.maximum(variances, least))
 
     def detach(self) -> "Explanation":
         """The same without gradients."""
