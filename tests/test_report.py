@@ -293,7 +293,8 @@ def test_the_warnings(errors, weights, clamped, expected):
     ("probabilities", "typical", "expected"),
     [
         ((0.1, 0.9), 0.1, []),
-        ((0.3, 0.7), 0.1, ["The photograph does not tell the class: class 1 has a probability of 70%, class 0 of 30%"]),
+        ((0.3, 0.45, 0.25), 0.1, ["The photograph does not tell the class: class 1 has a probability of 45%, class 0"]),
+        ((0.3, 0.51, 0.19), 0.1, []),
         ((0.1, 0.9), 0.26, ["Under another light the picture is uncertain by 26%"]),
         ((1.0,), 0.1, []),
     ],

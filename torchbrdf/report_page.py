@@ -77,6 +77,7 @@ details summary { cursor: pointer; color: var(--soft); }
   .verdict { font-size: 14px; }
   .plate { padding: 8px; } table { font-size: 11px; } th, td { padding-right: 9px; } svg.bar { width: 72px; }
   table.classes .plate { width: 96px; padding: 6px; } table.classes td.shot { padding-right: 6px; }
+  table.classes td:last-child { overflow-wrap: anywhere; }
   figure, tr, .caution { break-inside: avoid; } h2 { break-after: avoid; margin-top: 24px; } }
 """
 
