@@ -45,7 +45,7 @@ BATCHES = (1, 4, 16, 64, 256)
 CUTS = (1e-7, 1e-6, 1e-5, 5e-5, 5e-4, 5e-3)
 """Truncations; the first is the reference of all others."""
 KEPT = {"1 % left out": 0.99, "half left": 0.5, "1 % left": 0.01}
-LEAST = (1e-2, 1e-3, 1e-4)
+LEAST = (1e-2, 1e-4, 1e-12)
 MARGIN = 1e-3
 
 
@@ -151,6 +151,7 @@ def mean_weights(found: Explanation, least: float = 0.0) -> Tensor:
     if least:
         keep = torch.nonzero((shares.sum(-1) > least).any(0)).ravel()
         found, shares = some_priors(found, keep), shares[:, keep]
+        shares = shares / shares.sum((1, 2), keepdim=True)
     return found.components(shares).sum(1).mT
 
 

@@ -182,12 +182,12 @@ class Explanation:
     def _tempered(self) -> Tensor:
         return self.log_evidence / self.bank.temperature
 
-    @property
+    @cached_property
     def of_penalties(self) -> Tensor:
         """(B, M, L): probabilities of the penalties of each prior."""
         return torch.softmax(self._tempered, -1)
 
-    @property
+    @cached_property
     def of_priors(self) -> Tensor:
         """(B, M): probabilities of the priors."""
         return torch.softmax(torch.logsumexp(self._tempered, -1), -1)
@@ -196,7 +196,7 @@ class Explanation:
         """(B, K): probabilities of the first K priors, the classes, with all penalties, given that one is right."""
         return torch.softmax(torch.logsumexp(self.log_evidence[:, :k], -1) / self.bank.temperature, -1)
 
-    @property
+    @cached_property
     def shares(self) -> Tensor:
         """(B, M, L): probabilities of all pairs of prior and penalty."""
         return self.of_priors[..., None] * self.of_penalties
