@@ -229,7 +229,7 @@ class BRDFEstimator(nn.Module):
         return kept
 
     def _fitted(self, y: Tensor, used: Tensor) -> Tensor:
-        """What the weights show (B, 3, P); of the average without candidates and constraint, which nobody asks for here."""
+        """What the weights show (B, 3, P); of the average without candidates and constraint, which cost more."""
         if self.penalty == "auto":
             return self.bank.space.render(self._bank_of(used).explain(y[..., used]).mean, y.dtype)
         return self._choose(y.double(), used).fitted
