@@ -31,7 +31,6 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf import image_space, prior_bank
-from torchbrdf.constraints import constrain
 from torchbrdf.estimator import Penalty
 from torchbrdf.image_space import ImageSpace, residual_scale
 from torchbrdf.metrics import relative_rms
@@ -107,7 +106,6 @@ class Variation:
     rule        how priors and penalties are weighed
     own         a neighbourhood around the photograph itself is added for every photograph
     photograph  residuals are divided by photograph + 0.3 mean instead of the mean basis image
-    positive    w >= 0
     fixed       arguments of BRDFEstimator and, with one_class, of one class of all columns instead
     """
 
@@ -116,7 +114,6 @@ class Variation:
     rule: Rule = field(default_factory=evidence)
     own: bool = False
     photograph: bool = False
-    positive: bool = False
     fixed: Penalty | None = None
     one_class: bool = False
 
@@ -178,10 +175,7 @@ def fit(variation: Variation, basis: tb.BasisImages, classes: tb.MaterialClasses
 def average(variation: Variation, bank: PriorBank, y: Tensor) -> Tensor:
     found = bank.explain(y)
     shares = variation.rule(found, y)
-    weights = found.components(shares).sum(1)
-    if variation.positive:
-        weights = constrain(weights, found.precision(shares), "nonnegative").weights
-    return weights.mT
+    return found.components(shares).sum(1).mT
 
 
 def own_bank(space: ImageSpace, variances: Tensor, y: Tensor) -> PriorBank:

@@ -13,9 +13,9 @@ UNMODELLED, and intervals that are the same share of these units everywhere, the
 cases. CRPS is the mean absolute error of a whole distribution: smaller is better, and width without need costs.
 
 With --leave-out the targets are materials of the library, rendered with other random numbers than the basis, and left
-out of it together with so many materials most like them. UNMODELLED is chosen on these, INFLATION on
-measured ones: by halves, each reported on the other (docs/uncertainty.md). There it is also
-counted how often the class of a material is the one named.
+out of it together with so many materials most like them. There it is also counted how often the class of a material is
+the one named. UNMODELLED is chosen on these, INFLATION on measured ones: by halves, each reported on the other
+(docs/uncertainty.md).
 """
 
 import argparse
@@ -257,7 +257,7 @@ def left_out(
             posteriors = results.posteriors
             if posteriors is None:
                 raise ValueError("the default penalty must give posteriors for its class probabilities to be judged")
-            evidence = torch.logsumexp(posteriors.groups[0][0].log_evidence[:, : classes.n_classes], -1)
+            evidence = torch.logsumexp(posteriors.groups[0].log_evidence[:, : classes.n_classes], -1)
             plain, named = torch.softmax(evidence, -1), results.class_probabilities
             for k, level in enumerate(levels):
                 right = int(named[k].argmax()) == label

@@ -49,7 +49,7 @@ class _Solution:
     errors: Tensor
     probabilities: Tensor
     optimality: Tensor
-    evidence: tuple[Explanation, Tensor] | None = None
+    evidence: Explanation | None = None
 
 
 class BRDFEstimator(nn.Module):
@@ -260,7 +260,7 @@ class BRDFEstimator(nn.Module):
             errors=torch.cat([error, (error + growth).clamp_min(0)], 1),
             probabilities=found.of_classes(k),
             optimality=optimality,
-            evidence=(found.detach(), found.shares.detach()),
+            evidence=found.detach(),
         )
 
     @lasting

@@ -131,11 +131,11 @@ class Posterior:
 class PosteriorBatch:
     """The posteriors of a batch of photographs.
 
-    groups  photographs that share a mask: their explanation and probabilities (B, M, L)
+    groups  explanations of photographs that share a mask
     where   (*batch, 2)  int64: group and row of each photograph
     """
 
-    groups: tuple[tuple[Explanation, Tensor], ...]
+    groups: tuple[Explanation, ...]
     where: Tensor
 
     def __getitem__(self, i: int) -> "PosteriorBatch":
@@ -146,5 +146,5 @@ class PosteriorBatch:
     def single(self) -> Posterior:
         """The only one."""
         group, row = self.where.tolist()
-        explanation, probabilities = self.groups[group]
-        return Posterior(explanation, probabilities[row], row)
+        explanation = self.groups[group]
+        return Posterior(explanation, explanation.shares[row], row)

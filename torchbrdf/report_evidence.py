@@ -26,8 +26,8 @@ SMALL_MARGIN = 1.1
 """With a fixed penalty the report warns where the second best class leaves less than this times the best's residual."""
 
 SMALL_PROBABILITY = 0.5
-"""With probabilities the report warns where another class than the most probable one is more probable than it: three in
-ten of the measured photographs of docs/accuracy.md."""
+"""With probabilities the report warns where that of the most probable class is below this, so that the others together
+are more probable: three in ten of the measured photographs of docs/accuracy.md."""
 
 LARGE_SPREAD = 0.25
 """Relative standard deviation of the picture under another light above which the report warns: one in twenty there."""

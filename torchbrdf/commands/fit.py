@@ -140,7 +140,6 @@ def write_results(
         "constraint": str(fitted.estimator.constraint or "none"),
         "outliers": "left out" if fitted.estimator.robust else "used",
         "classes": f"{fitted.classes.sizes} basis BRDFs",
-        "basis images": fitted.basis.description,
     }
     observability = fitted.estimator.observability(library)
     write_report(folder / "report.html", subject, description, observability=observability)
