@@ -313,7 +313,8 @@ class TestRandomness:
 
 class TestBadInput:
     def test_backend(self, tiny_library: MaterialLibrary) -> None:
-        with pytest.raises(ValueError, match=r'^backend must be "sampled" or "mitsuba", got \'guess\'$'):
+        expected = r'^backend must be "auto", "sampled", "harmonic" or "mitsuba", got \'guess\'$'
+        with pytest.raises(ValueError, match=expected):
             render_basis(tiny_library, lamps(), SMALL, backend="guess")
 
     @pytest.mark.parametrize("samples", [1, 0, -5])

@@ -1,18 +1,20 @@
-"""The command line: `torchbrdf demo | fit | render | bake | export | verify | classes | doctor`."""
+"""The command line: `torchbrdf demo | fit | live | precompute | render | bake | export | verify | classes | doctor`."""
 
 import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, get_args
 
 import torchbrdf
-from torchbrdf.commands import bake, classes, demo, doctor, export, fit, render, verify
+from torchbrdf.commands import bake, classes, demo, doctor, export, fit, live, precompute, render, verify
 from torchbrdf.constraints import CONSTRAINTS
 from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
+from torchbrdf.probe import Layout
 from torchbrdf.transport import DEFAULT_SAMPLES
 
+LAYOUTS = get_args(Layout)
 BAD_INPUT = 2
 INTERRUPTED = 130
 
@@ -64,11 +66,10 @@ def _parser() -> argparse.ArgumentParser:
     def output(added: argparse.ArgumentParser, text: str, default: Path | None = None) -> None:
         added.add_argument("-o", "--output", type=Path, required=default is None, default=default, help=text)
 
-    def light(added: argparse.ArgumentParser) -> None:
-        added.add_argument("--probe", required=True, help='light probe, .exr or .hdr; "default" for the embedded one')
-        added.add_argument(
-            "--probe-layout", choices=["latlong", "angular", "mirror_ball"], default="latlong", help="default: latlong"
-        )
+    def light(added: argparse.ArgumentParser, required: bool = True) -> None:
+        text = 'light probe, .exr or .hdr; "default" for the embedded one'
+        added.add_argument("--probe", required=required, help=text)
+        added.add_argument("--probe-layout", choices=LAYOUTS, default="latlong", help="default: latlong")
         added.add_argument("--repair-probe", action="store_true", help="fill NaN and infinite texels of the probe")
 
     def library(added: argparse.ArgumentParser) -> None:
@@ -92,6 +93,19 @@ def _parser() -> argparse.ArgumentParser:
         group.add_argument("--width", type=float, help="shown at the target; default: the mesh's bounding sphere")
         group.add_argument("--no-shadows", action="store_true", help="light the mesh as if it cast no shadows")
 
+    def estimation(added: argparse.ArgumentParser) -> None:
+        added.add_argument("--mask", type=Path, help="image that is white where the shape may be used")
+        text = "silhouette in pixels; default: from the mask"
+        added.add_argument("--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help=text)
+        library(added)
+        added.add_argument(
+            "--penalty", type=fit.penalty, default=fit.DEFAULT_PENALTY, metavar="auto|paper|X", help=fit.PENALTY_HELP
+        )
+        added.add_argument("--constraint", choices=CONSTRAINTS, help=fit.CONSTRAINT_HELP + "; default: none")
+        added.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
+        added.add_argument("--size", type=int, help="resample to N x N pixels; default: its own, at most 128")
+        added.add_argument("--allow-ldr", action="store_true", help="accept an 8-bit photograph, taken as gamma 2.2")
+
     added = command("demo", demo.run)
     output(added, "folder for the results; default: torchbrdf-demo", Path("torchbrdf-demo"))
 
@@ -100,19 +114,19 @@ def _parser() -> argparse.ArgumentParser:
     light(added)
     shape(added)
     added.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
-    added.add_argument("--mask", type=Path, help="image that is white where the shape may be used")
-    added.add_argument(
-        "--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help="silhouette in pixels; default: from the mask"
-    )
-    library(added)
-    added.add_argument(
-        "--penalty", type=fit.penalty, default=fit.DEFAULT_PENALTY, metavar="auto|paper|X", help=fit.PENALTY_HELP
-    )
-    added.add_argument("--constraint", choices=CONSTRAINTS, help=fit.CONSTRAINT_HELP + "; default: none")
-    added.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
-    added.add_argument("--size", type=int, help="resample to N x N pixels; default: its own, at most 128")
-    added.add_argument("--allow-ldr", action="store_true", help="accept an 8-bit photograph, taken as gamma 2.2")
+    estimation(added)
     output(added, "folder for brdf.binary, weights.json, fitted.exr and report.html")
+
+    added = command("live", live.run)
+    added.add_argument("photo", type=Path, nargs="?", help="as `fit` takes it; default: the ball of `torchbrdf demo`")
+    light(added, required=False)
+    shape(added)
+    estimation(added)
+    added.add_argument("--light", help='another probe to turn instead; "default" for the embedded one')
+    added.add_argument("--light-layout", choices=LAYOUTS, default="latlong", help="of --light; default: latlong")
+    added.add_argument("--pixels", type=live.pixels, default=live.PIXELS, help="along a sphere; default: %(default)s")
+    added.add_argument("--port", type=live.port, default=0, help="of 127.0.0.1; default: any free one")
+    added.add_argument("--no-browser", action="store_true", help="print the page's address, and open no browser")
 
     added = command("render", render.run)
     added.add_argument("brdf", type=Path, help="MERL table, .binary")
@@ -130,6 +144,9 @@ def _parser() -> argparse.ArgumentParser:
     added.add_argument("--samples", type=int, default=DEFAULT_SAMPLES, help="samples a pixel; default: %(default)s")
     added.add_argument("--seed", type=int, default=0, help="of the random numbers; default: 0")
     output(added, "basis images, .safetensors")
+
+    added = command("precompute", precompute.run)
+    library(added)
 
     added = command("export", export.run)
     added.add_argument("brdf", type=Path, help="MERL table, .binary")

@@ -8,6 +8,7 @@ from torchbrdf.commands.fit import fit, summary, write_results
 from torchbrdf.files import writing_folder
 from torchbrdf.images import write_image
 from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
 from torchbrdf.metrics import relative_rms
 from torchbrdf.photograph import Observation
 from torchbrdf.probe import LightProbe
@@ -28,14 +29,11 @@ def run(options: argparse.Namespace) -> int:
     library = whole.without(MATERIAL)
     probe = LightProbe.default()
     novel = probe.rotated(_half_turn())
-    view = SphereView(SIZE)
     truth = whole.table(MATERIAL)
     with writing_folder(options.output) as folder:
-        clean = render(truth, probe, view, seed=1)
-        noise = torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
-        photograph = clean * (1 + NOISE * noise)
-        fitted = fit(Observation(photograph, view.mask), probe, library)
-        write_image(folder / "photograph.exr", photograph)
+        observation = photographed(truth, probe)
+        fitted = fit(observation, probe, library)
+        write_image(folder / "photograph.exr", observation.image)
         settings = {
             "title": f"Demo: {MATERIAL}",
             "photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise",
@@ -51,6 +49,14 @@ def run(options: argparse.Namespace) -> int:
     print(f"relative error under a light it was not observed under {error:.2%}")
     print(f"open {options.output}/report.html; novel_light.png shows the truth (left) and the reconstruction (right)")
     return 0
+
+
+def photographed(material: MerlTable, probe: LightProbe) -> Observation:
+    """A simulated photograph of a ball, with noise."""
+    view = SphereView(SIZE)
+    clean = render(material, probe, view, seed=1)
+    noise = torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
+    return Observation(clean * (1 + NOISE * noise), view.mask)
 
 
 def _half_turn() -> torch.Tensor:

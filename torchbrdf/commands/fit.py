@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         size = options.size
         if options.basis is not None and size is None:
             size = BasisImages.load(options.basis).size[1]
-        observation, view = _read_observation(options, size)
+        observation, view = read_observation(options, size)
         probe = open_probe(options)
         library = open_library(options)
         basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
@@ -61,7 +61,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read_observation(options: argparse.Namespace, size: int | None) -> tuple[Observation, View]:
+def read_observation(options: argparse.Namespace, size: int | None) -> tuple[Observation, View]:
+    """The photograph, its mask and circle, resampled to `size`, and the shape that it shows."""
     photograph = read_image(options.photo, allow_ldr=options.allow_ldr)
     mask = None if options.mask is None else read_mask(options.mask)
     if options.view != "sphere":

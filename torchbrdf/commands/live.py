@@ -1,0 +1,71 @@
+"""`torchbrdf live`: the recovered BRDF under a light that the user turns, in the browser."""
+
+import argparse
+import threading
+import webbrowser
+from collections.abc import Callable
+from pathlib import PurePath
+
+from torchbrdf.commands.demo import MATERIAL, photographed
+from torchbrdf.commands.fit import Fit, fit, read_observation, summary
+from torchbrdf.commands.inputs import open_library, open_probe
+from torchbrdf.library import MaterialLibrary
+from torchbrdf.live_server import LiveServer, listen
+from torchbrdf.probe import LightProbe
+
+PIXELS = 128
+_OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "size")
+
+
+def _whole_number(least: int, most: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not (text.isdecimal() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}, got {text}")
+        return int(text)
+
+    return parse
+
+
+port = _whole_number(0, 65535)
+pixels = _whole_number(16, 512)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Turn the light around spheres of the recovered BRDF and of each class's candidate, in the browser."""
+    from torchbrdf.relighting import Relighter
+
+    with listen(options.port) as listener:  # before the fit: a port that is in use is known at once
+        title, fitted, library, probe = _recovered(options)
+        print(summary(fitted))
+        if options.light is not None:
+            probe = open_probe(argparse.Namespace(**vars(options) | _other_light(options)))
+        spheres = Relighter.of(library, fitted.result, probe, options.pixels)
+        name = PurePath(probe.name.removeprefix("light probe ")).name
+        with LiveServer(spheres, listener, title, name) as server:
+            print(f"{server.url} shows it; Ctrl-C ends it", flush=True)
+            if not options.no_browser:
+                threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+            server.serve_until_interrupted()
+    return 0
+
+
+def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, LightProbe]:
+    """What was photographed, what came of it, the library, and the photograph's light."""
+    estimation = {"penalty": options.penalty, "constraint": options.constraint, "robust": options.robust}
+    if options.photo is None:
+        given = [key for key in _OF_A_PHOTOGRAPH if getattr(options, key) is not None]
+        if given or options.view != "sphere":
+            raise ValueError(f"--{(given or ['view'])[0]} is for a photograph, and none is given")
+        whole, probe = MaterialLibrary.default(), LightProbe.default()
+        library = whole.without(MATERIAL)
+        fitted = fit(photographed(whole.table(MATERIAL), probe), probe, library, **estimation)
+        return f"{MATERIAL}, simulated", fitted, library, probe
+    if options.probe is None:
+        raise ValueError("a photograph needs the light probe of its light: give --probe")
+    observation, view = read_observation(options, options.size)
+    probe, library = open_probe(options), open_library(options)
+    return options.photo.name, fit(observation, probe, library, view=view, **estimation), library, probe
+
+
+def _other_light(options: argparse.Namespace) -> dict[str, str]:
+    return {"probe": options.light, "probe_layout": options.light_layout}

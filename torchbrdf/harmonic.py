@@ -1,0 +1,124 @@
+"""Basis images by precomputed transport: a new light probe costs a Fourier transform and some matrix products.
+
+For an orthographic camera the radiance on a ring of equal polar angles of the normal is a convolution over azimuth of
+the light with the ring's kernel. `harmonic_kernels` holds the kernels, compressed, once per library;
+`light_harmonics` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import pi
+
+import torch
+from torch import Tensor
+from torch.nn.functional import embedding_bag
+
+from torchbrdf.harmonic_grid import zones
+from torchbrdf.harmonic_kernels import Kernels
+from torchbrdf.light_harmonics import LightHarmonics
+from torchbrdf.ring_lookup import RingLookup
+from torchbrdf.view import View
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicTransport:
+    """The light-independent side of the basis images of one library.
+
+    groups  of rings, of all zones
+    """
+
+    groups: tuple[Kernels, ...]
+    _lookups: dict[str, RingLookup] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        """Size."""
+        return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings)"
+
+    def lookup(self, view: View) -> RingLookup:
+        """How the view's pixels see the rings; remembered for the last few views."""
+        key = f"{view.fingerprint} {self.device}"
+        if key not in self._lookups:
+            while len(self._lookups) >= 4:
+                self._lookups.pop(next(iter(self._lookups)))
+            all_zones = zones()
+            shapes = []
+            for group in self.groups:
+                zone = all_zones[group.zone]
+                shapes.append((zone, range(group.first_ring, group.first_ring + group.n_rings), group.places))
+            self._lookups[key] = RingLookup.build(view, shapes).to(self.device)
+        return self._lookups[key]
+
+    @property
+    def device(self) -> torch.device:
+        """Where the kernels are."""
+        return self.groups[0].mixing.device
+
+    def packed(self, light: LightHarmonics, view: View, columns: Tensor | None = None) -> Tensor:
+        """(n, 3, P) float32: basis images under a light, differentiable in it.
+
+        columns  (n,)  of the library, in order; None for all
+        """
+        lookup = self.lookup(view)
+        contained = [_contained(coefficients) for coefficients, _ in light]
+        n = self.groups[0].mixing.shape[0] if columns is None else len(columns)
+        image = torch.zeros(n, 3 * len(lookup.order), device=self.device)
+        for group, seen in zip(self.groups, lookup.groups, strict=True):
+            if seen is None:
+                continue
+            mixing = group.mixing if columns is None else group.mixing[columns]
+            rings = _rings(group, light[group.zone], contained[group.zone])
+            mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
+            image[:, 3 * seen.pixels.start : 3 * seen.pixels.stop].addmm_(mixing, mixtures.T)
+        sorted_images = image.view(n, -1, 3).transpose(1, 2)
+        return sorted_images.gather(2, torch.argsort(lookup.order).expand(n, 3, -1))
+
+    def to(self, device: torch.device | str) -> "HarmonicTransport":
+        """On another device."""
+        return HarmonicTransport(tuple(group.to(device) for group in self.groups))
+
+
+def _contained(light: Tensor) -> int:
+    """How many azimuth frequencies (M, 6, elevations) hold all but a millionth of the amplitude.
+
+    All of them where gradients are wanted: they tell what the others would change.
+    """
+    if light.requires_grad:
+        return len(light)
+    energy = light.square().sum((1, 2))
+    above = energy.flip(0).cumsum(0).flip(0) > 1e-12 * energy.sum()
+    return max(1, int(above.sum()))
+
+
+def _rings(group: Kernels, light: tuple[Tensor, Tensor], contained: int) -> Tensor:
+    """(A 3 G, R): radiance of the mixtures at the places along the rings; channel and ring after the place."""
+    spectra = []
+    for band in group.bands:
+        if band.low >= contained:
+            break
+        frequencies = slice(band.low, band.low + len(band.even))
+        rows = slice(group.first_row, group.first_row + band.even.shape[1])
+        even, odd = (
+            torch.bmm(side[frequencies, :, rows], kernels).view(len(kernels) * 6 * group.n_rings, len(mix))
+            for side, kernels, mix in zip(light, (band.even, band.odd), (band.mix_even, band.mix_odd), strict=True)
+        )
+        spectra.append(torch.addmm(even @ band.mix_even, odd, band.mix_odd))
+    spectrum = torch.cat(spectra).view(-1, 2, 3 * group.n_rings * group.mixing.shape[1])
+    real, imaginary = spectrum[:, 0], spectrum[:, 1]
+    series = _quarter_series(len(spectrum), group.places, str(spectrum.device))
+    terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
+    e, d, s, u = (matrix @ term for matrix, term in zip(series, terms, strict=True))
+    p, q, r, t = e + d, s + u, e - d, s - u
+    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, group.mixing.shape[1])
+
+
+@lru_cache(maxsize=64)
+def _quarter_series(n_frequencies: int, places: int, device: str) -> tuple[Tensor, ...]:
+    """(A / 4, M / 2) each: cosines of even and of odd frequencies, then minus the sines, at a quarter of the places.
+
+    The other three quarters of the circle mirror the first (`ring_lookup.place_of`).
+    """
+    angle = (torch.arange(places // 4, dtype=torch.float64)[:, None] + 0.5) * (2 * pi / places)
+    frequency = torch.arange(n_frequencies)
+    twice = torch.where(frequency == 0, 1.0, 2.0)
+    waves = (torch.cos(angle * frequency) * twice, -torch.sin(angle * frequency) * twice)
+    return tuple(wave[:, start::2].float().contiguous().to(device) for wave in waves for start in range(2))

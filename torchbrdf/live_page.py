@@ -1,0 +1,110 @@
+"""The page on which the light is turned: HTML with its style sheet and its script, live_page.js, inside."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from importlib.resources import files
+
+from torchbrdf.report_page import STYLE, plate
+
+LIVE_STYLE = (
+    STYLE
+    + """
+main { max-width: 1000px; padding-top: 28px; padding-bottom: 28px; }
+h2 { margin-top: 24px; }
+.plate { padding: 20px; }
+.plate + figcaption { max-width: none; }
+canvas { display: block; width: 100%; aspect-ratio: 1; border-radius: 50%; cursor: grab; touch-action: none;
+  user-select: none; -webkit-user-select: none; }
+canvas:focus { outline: none; }
+canvas:focus-visible { outline: 2px solid #fff; outline-offset: 4px; }
+.dragging canvas { cursor: grabbing; }
+.lost canvas { opacity: .35; }
+.first { display: grid; grid-template-columns: 296px 296px minmax(220px, 1fr); gap: 16px; margin-top: 18px; }
+.candidates { display: grid; grid-template-columns: repeat(4, minmax(0, 1fr)); gap: 16px; }
+.controls { padding-left: 12px; font-size: 14px; }
+.controls p { margin: 0 0 10px; }
+.controls label { display: block; }
+.controls label output, dd output { font-variant-numeric: tabular-nums; }
+.controls input { width: 100%; margin: 4px 0 12px; accent-color: var(--ink); }
+.controls button { font: inherit; color: inherit; background: #fff; border: 1px solid var(--grey); border-radius: 3px;
+  padding: 4px 14px; cursor: pointer; }
+.controls button:hover { background: #f6f5f1; }
+.controls dl { margin: 0 0 18px; font-size: 13px; line-height: 1.45; gap: 4px 16px; }
+.controls button + dl { margin: 18px 0 0; }
+kbd { font: inherit; border: 1px solid var(--line); border-radius: 3px; padding: 0 4px; }
+@media (max-width: 900px) { .first { grid-template-columns: 1fr 1fr; } .controls { grid-column: 1 / -1; padding: 0; } }
+@media (max-width: 640px) { .candidates { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
+"""
+)
+
+_HOW = (
+    "<p>Drag any sphere to turn the light: its reflections follow the pointer.</p>"
+    "<dl><dt>with <kbd>Shift</kbd> or right button</dt><dd>about the view axis</dd>"
+    "<dt><kbd>←</kbd> <kbd>→</kbd> <kbd>↑</kbd> <kbd>↓</kbd>, also with <kbd>Shift</kbd></dt><dd>by 5°</dd>"
+    "<dt>double click or <kbd>Home</kbd></dt><dd>as it was</dd></dl>"
+)
+
+
+def page(title: str, light: str, labels: Sequence[str], size: int) -> str:
+    """A whole HTML document.
+
+    title   what was photographed
+    light   the light's name
+    labels  of the spheres, in the order of a frame, which ends with the mirror ball; the first is the result
+    size    pixels along a side of each
+    """
+
+    def sphere(picture: int, label: str, note: str = "") -> str:
+        canvas = (
+            f'<canvas width="{size}" height="{size}" data-picture="{picture}" tabindex="0" role="application" '
+            f'aria-roledescription="sphere under a light that turns" aria-label="{escape(label)}" '
+            'aria-describedby="how"></canvas>'
+        )
+        name, bracket, remark = label.partition(" (")
+        return plate(canvas, f"<b>{escape(name[:1].upper() + name[1:])}</b>{escape(bracket + remark)}{note}")
+
+    first = (
+        sphere(0, labels[0], ", the recovered BRDF"),
+        sphere(len(labels), "the light", " in a mirror ball"),
+        f'<div class="controls"><div id="how">{_HOW}</div>'
+        '<label for="stops">Exposure <output id="exposure" for="stops">+0.00 stops</output></label>'
+        '<input id="stops" type="range" min="-6" max="6" step="0.25" value="0" autocomplete="off">'
+        '<button id="reset" type="button">Reset the light</button>'
+        "<dl><dt>turned by</dt><dd><output id=angle>0°</output></dd><dt>speed</dt>"
+        "<dd><output id=rate>–</output></dd><dt>last frame</dt><dd>no. <output id=frames>0</output>, in "
+        "<output id=took>–</output></dd></dl></div>",
+    )
+    candidates = "".join(sphere(i, label) for i, label in enumerate(labels[1:], 1))
+    second = f'<h2>Every class’s candidate</h2>\n<div class="candidates">{candidates}</div>' if candidates else ""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
+        f"<title>{escape(title)} – torchbrdf live</title>\n<style>{LIVE_STYLE}</style>\n</head>\n<body>\n<main>\n"
+        f'<h1>{escape(title)}</h1>\n<p class="soft">Under {escape(light)}. '
+        "The spheres share one exposure, the mirror ball has its own.</p>\n"
+        '<noscript><p class="caution">This page needs JavaScript.</p></noscript>\n'
+        '<p class="caution" id="problem" role="alert" hidden></p>\n'
+        f'<div class="first">{"".join(first)}</div>\n{second}\n</main>\n'
+        f"<script>{_script()}</script>\n</body>\n</html>\n"
+    )
+
+
+@cache
+def content_security_policy() -> str:
+    """The header that lets the page run its own script and style, ask its own server, and nothing else."""
+    script, style = (
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in (_script(), LIVE_STYLE)
+    )
+    return (
+        f"default-src 'none'; script-src {script}; style-src {style}; connect-src 'self'; img-src data:; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+
+
+@cache
+def _script() -> str:
+    return files("torchbrdf").joinpath("live_page.js").read_text(encoding="utf-8")
