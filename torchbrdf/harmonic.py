@@ -59,14 +59,14 @@ class HarmonicTransport:
         columns  (n,)  of the library, in order; None for all
         """
         lookup = self.lookup(view)
-        contained = [_contained(coefficients) for coefficients, _ in light]
+        contained = [frequencies_of(coefficients) for coefficients, _ in light]
         n = self.groups[0].mixing.shape[0] if columns is None else len(columns)
         image = torch.zeros(n, 3 * len(lookup.order), device=self.device)
         for group, seen in zip(self.groups, lookup.groups, strict=True):
             if seen is None:
                 continue
             mixing = group.mixing if columns is None else group.mixing[columns]
-            rings = _rings(group, light[group.zone], contained[group.zone])
+            rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone]))
             mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
             image[:, 3 * seen.pixels.start : 3 * seen.pixels.stop].addmm_(mixing, mixtures.T)
         sorted_images = image.view(n, -1, 3).transpose(1, 2)
@@ -77,38 +77,49 @@ class HarmonicTransport:
         return HarmonicTransport(tuple(group.to(device) for group in self.groups))
 
 
-def _contained(light: Tensor) -> int:
-    """How many azimuth frequencies (M, 6, elevations) hold all but a millionth of the amplitude.
+def frequencies_of(light: Tensor) -> int:
+    """How many azimuth frequencies (M, 6, elevations) hold all of the light but 1 / 30,000 of its amplitude.
 
     All of them where gradients are wanted: they tell what the others would change.
     """
     if light.requires_grad:
         return len(light)
-    energy = light.square().sum((1, 2))
-    above = energy.flip(0).cumsum(0).flip(0) > 1e-12 * energy.sum()
+    energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((1, 2))
+    above = energy.flip(0).cumsum(0).flip(0) > 1e-9 * energy.sum()
     return max(1, int(above.sum()))
 
 
-def _rings(group: Kernels, light: tuple[Tensor, Tensor], contained: int) -> Tensor:
-    """(A 3 G, R): radiance of the mixtures at the places along the rings; channel and ring after the place."""
-    spectra = []
+def spectrum(group: Kernels, light: tuple[Tensor, Tensor], contained: int, blend: Tensor | None = None) -> Tensor:
+    """(M, 2, 3, G, R) or (M, 2, 3, G, C): series of the mixtures' radiance along the rings, or of blends of them.
+
+    2 for real and imaginary parts, 3 for the channels of the light
+    contained  frequencies of the light; M is at most that
+    blend      (R, C)
+    """
+    parts = []
     for band in group.bands:
         if band.low >= contained:
             break
         frequencies = slice(band.low, band.low + len(band.even))
         rows = slice(group.first_row, group.first_row + band.even.shape[1])
+        mixes = [mix if blend is None else mix @ blend for mix in (band.mix_even, band.mix_odd)]
         even, odd = (
             torch.bmm(side[frequencies, :, rows], kernels).view(len(kernels) * 6 * group.n_rings, len(mix))
-            for side, kernels, mix in zip(light, (band.even, band.odd), (band.mix_even, band.mix_odd), strict=True)
+            for side, kernels, mix in zip(light, (band.even, band.odd), mixes, strict=True)
         )
-        spectra.append(torch.addmm(even @ band.mix_even, odd, band.mix_odd))
-    spectrum = torch.cat(spectra).view(-1, 2, 3 * group.n_rings * group.mixing.shape[1])
-    real, imaginary = spectrum[:, 0], spectrum[:, 1]
-    series = _quarter_series(len(spectrum), group.places, str(spectrum.device))
+        parts.append(torch.addmm(even @ mixes[0], odd, mixes[1]))
+    series = torch.cat(parts)
+    return series.view(-1, 2, 3, group.n_rings, series.shape[1])
+
+
+def _rings(group: Kernels, series: Tensor) -> Tensor:
+    """(A 3 G, R): radiance of the mixtures at the places along the rings; channel and ring after the place."""
+    real, imaginary = series.flatten(2).unbind(1)
+    waves = _quarter_series(len(series), group.places, str(series.device))
     terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
-    e, d, s, u = (matrix @ term for matrix, term in zip(series, terms, strict=True))
+    e, d, s, u = (matrix @ term for matrix, term in zip(waves, terms, strict=True))
     p, q, r, t = e + d, s + u, e - d, s - u
-    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, group.mixing.shape[1])
+    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, series.shape[-1])
 
 
 @lru_cache(maxsize=64)

@@ -7,7 +7,7 @@ from torchbrdf.basis_images import BasisImages
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.light_harmonics import TurningLight
-from torchbrdf.probe import LightProbe
+from torchbrdf.probe import LightProbe, checked_rotation
 from torchbrdf.ring_lookup import unsuited
 from torchbrdf.view import View
 
@@ -36,9 +36,13 @@ class HarmonicBasis:
         """The basis images under the probe turned by a rotation (3, 3), as `LightProbe.rotated` turns it.
 
         Radiance is looked up in turned directions, not resampled as in a rotated probe; a turn about the view axis is a
-        phase. Differentiable in the probe's radiance and in the rotation. The images say that they are of the probe
-        as it is where rotation is None, else of no probe in particular.
+        phase. Differentiable in the probe's radiance and in the rotation; one backward pass for each `HarmonicBasis`
+        of a radiance that requires gradients. The images say that they are of the probe as it is where rotation is
+        None, else of no probe in particular. Raises ValueError where rotation is none.
         """
+        if rotation is not None:
+            rotation = torch.as_tensor(rotation)
+            checked_rotation(rotation)
         packed = self.transport.packed(self._light.harmonics(rotation), self.view, self._columns)
         basis = BasisImages.of(packed, self.library, self.probe, self.view, "harmonic")
         if rotation is None:

@@ -155,8 +155,8 @@ class Zone:
         """(elevations, lines) float32: radiance on lines of equal beta, at their middles -> the nearest spline."""
         beta = (torch.arange(lines, dtype=torch.float64) + 0.5) * (pi / lines)
         design = design_matrix(beta * (self.rows / pi), self.rows)
-        moments = (design * (torch.sin(beta) * (pi / lines))[:, None]).T
-        projection = torch.linalg.solve(gram(*self._elevation_places), moments)
+        measure = torch.sin(beta) * (pi / lines)
+        projection = torch.linalg.solve(gram(design, measure), (design * measure[:, None]).T)
         return torch.where(projection.abs() > 1e-7 * projection.abs().max(), projection, 0).float()  # no denormals
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import atan2, pi, radians
+from math import atan2, pi, radians, sin
 
 import torch
 from torch import Tensor
@@ -56,8 +56,14 @@ class TurningLight:
     def _texels(self) -> Tensor:
         """(3, H, 2 H) radiance."""
         probe = self.probe if self.probe.height <= FINEST_HEIGHT else self.probe.resized(FINEST_HEIGHT)
-        blur = _blur(probe.height, str(probe.device))
-        return torch.fft.irfft(torch.fft.rfft(probe.radiance) * blur, n=probe.width)
+        radiance, blur = probe.radiance, _blur(probe.height, str(probe.device))
+        n = len(blur)
+        top, middle, bottom = radiance.split([n, probe.height - 2 * n, n], dim=1)
+        top, bottom = (
+            torch.fft.irfft(torch.fft.rfft(rows) * response, n=probe.width)
+            for rows, response in ((top, blur), (bottom, blur.flip(0)))
+        )
+        return torch.cat([top, middle, bottom], 1)
 
     def _spectra(self, rotation: Tensor | None) -> list[Tensor]:
         """(elevations, M, 3) complex64 for every zone."""
@@ -117,10 +123,16 @@ def _lookup(height: int, device: str) -> tuple[Tensor, Tensor]:
 
 @lru_cache(maxsize=8)
 def _blur(height: int, device: str) -> Tensor:
-    """(H, H + 1): the transform of the blur along each row; at the poles' rows only the mean is left."""
-    sine = torch.sin(torch.arange(height, dtype=torch.float64) * (pi / (height - 1))).clamp_min(1e-9)
+    """(N, H + 1): the transform of the blur along the N rows next to a pole where texels are narrower than it.
+
+    The row at the pole itself counts as at a third of a row's distance: bilinear radiance shows it up to the next row.
+    """
+    step = pi / (height - 1)
+    sine = torch.sin(torch.arange(height // 2, dtype=torch.float64) * step)
+    narrow = max(1, int((sine < 2 * _BLUR * height / pi).sum()))
+    spread = _BLUR / sine[:narrow, None].clamp_min(sin(step / 3))
     frequency = torch.arange(height + 1, dtype=torch.float64)
-    return torch.exp(-0.5 * (frequency * (_BLUR / sine[:, None])).square()).float().to(device)
+    return torch.exp(-0.5 * (frequency * spread).square()).float().to(device)
 
 
 @lru_cache(maxsize=16)

@@ -193,7 +193,7 @@ class LightProbe:
         energy to 0.05 % (0.5 % where a few texels at a pole hold most of it: Grace Cathedral); a turn
         about +Y by whole texels is exact.
         """
-        return self._derived(rotate(self._radiance, _checked_rotation(rotation)))
+        return self._derived(rotate(self._radiance, checked_rotation(rotation)))
 
     def scaled(self, factor: float) -> LightProbe:
         """The probe with its radiance times `factor` > 0."""
@@ -286,7 +286,8 @@ def _checked_height(height: int) -> int:
     return height
 
 
-def _checked_rotation(rotation: Tensor | np.ndarray) -> Tensor:
+def checked_rotation(rotation: Tensor | np.ndarray) -> Tensor:
+    """The rotation (3, 3) as float64 on the CPU, without gradients. Raises ValueError for any other matrix."""
     matrix = torch.as_tensor(rotation).detach().to("cpu", torch.float64)
     if matrix.shape != (3, 3):
         raise ValueError(f"rotation must be (3, 3), got {tuple(matrix.shape)}")

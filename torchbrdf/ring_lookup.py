@@ -16,10 +16,13 @@ from torchbrdf.harmonic_grid import Zone
 from torchbrdf.splines import SUPPORT, spline_weights
 from torchbrdf.view import View
 
-_POINTS = 10
-"""Gauss points along a side of a pixel."""
+_POINTS = (10, 20, 40)
+"""Gauss points along a side of a pixel: the first for those of a sphere, more where normals vary more inside."""
 
-_CHUNK = 512
+_SPREAD = 0.05
+"""How far apart the normals of a pixel may be on the disc of a sphere of radius 1, for the first number of points."""
+
+_CHUNK = 256
 _ORTHOGRAPHIC = 1e-6
 
 
@@ -53,17 +56,16 @@ class RingLookup:
     @staticmethod
     def build(view: View, groups: Sequence[tuple[Zone, range, int]]) -> "RingLookup":
         """For groups given by zone, rings and places along a ring. The view must not be `unsuited`."""
-        gamma, alpha, share = _normals(view)
-        order = torch.argsort(gamma.mean(1))
-        gamma, alpha = gamma[order], alpha[order]
+        points = _Points.of(view)
         found = []
         of_zone: dict[int, tuple[Tensor, Tensor]] = {}
         for zone, rings, places in groups:
             if zone.index not in of_zone:
-                x = zone.ring_coordinate(gamma).clamp_max(zone.intervals - 1e-9)
-                of_zone[zone.index] = (x.floor().long(), spline_weights(x) * share[:, None])
-            found.append(_group(*of_zone[zone.index], zone.ring_dual[:, rings.start : rings.stop], alpha, places))
-        return RingLookup(order, tuple(found))
+                x = zone.ring_coordinate(points.gamma).clamp_max(zone.intervals - 1e-9)
+                of_zone[zone.index] = (x.floor().long(), spline_weights(x) * points.share[:, None])
+            dual = zone.ring_dual[:, rings.start : rings.stop]
+            found.append(_group(points, *of_zone[zone.index], dual, places))
+        return RingLookup(points.order, tuple(found))
 
     def to(self, device: torch.device | str) -> "RingLookup":
         """On another device."""
@@ -95,47 +97,82 @@ def place_of(azimuth: Tensor, places: int) -> Tensor:
     return block * quarter + mirrored
 
 
-def _normals(view: View) -> tuple[Tensor, Tensor, Tensor]:
-    """Polar angle and azimuth (P, S) float64 of normals inside the pixels, and the points' shares (S,)."""
-    node, share = np.polynomial.legendre.leggauss(_POINTS)
-    at = torch.tensor((node + 1) / 2, dtype=torch.float32)
-    v, u = (axis.reshape(1, -1).expand(len(view.pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
-    x, y, z = view.surface(view.pixels.cpu(), u, v).normals.double()
-    weights = torch.tensor(np.outer(share, share).ravel() / 4)
-    return torch.atan2(torch.hypot(x, y), z).clamp(0, pi / 2), torch.atan2(y, x), weights
+@dataclass(frozen=True)
+class _Points:
+    """Points inside the pixels of a view, pixel by pixel.
+
+    order         (P,) int64: pixels by polar angle of their normals
+    pixel         (N,) int64: place in that order
+    gamma, alpha  (N,) float64: polar angle and azimuth of the normal
+    share         (N,) of the pixel's area
+    """
+
+    order: Tensor
+    pixel: Tensor
+    gamma: Tensor
+    alpha: Tensor
+    share: Tensor
+
+    @staticmethod
+    def of(view: View) -> "_Points":
+        """More of them in pixels whose normals vary more."""
+        pixels = view.pixels.cpu()
+        corners = _normals_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
+        order = torch.argsort(corners[2].mean(1), descending=True)
+        spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
+        tier = torch.bucketize(spread, torch.tensor([_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]))
+        place = torch.argsort(order)
+        parts = []
+        for index, n in enumerate(_POINTS):
+            node, weight = np.polynomial.legendre.leggauss(n)
+            some = torch.nonzero(tier == index).ravel()
+            x, y, z = _normals_at(view, pixels[some], torch.tensor((node + 1) / 2)).flatten(1)
+            angles = torch.atan2(torch.hypot(x, y), z).clamp(0, pi / 2), torch.atan2(y, x)
+            weights = torch.tensor(np.outer(weight, weight).ravel() / 4).repeat(len(some))
+            weights = torch.where(z > 0, weights, 0)  # a normal that faces away is dark
+            parts.append((place[some].repeat_interleave(n * n), *angles, weights))
+        pixel, gamma, alpha, share = (torch.cat(part) for part in zip(*parts, strict=True))
+        by_pixel = torch.argsort(pixel, stable=True)
+        return _Points(order, pixel[by_pixel], gamma[by_pixel], alpha[by_pixel], share[by_pixel])
 
 
-def _group(first: Tensor, across: Tensor, dual: Tensor, alpha: Tensor, places: int) -> GroupLookup | None:
-    """One group, from each point's first spline (P, S) and its four values (P, S, 4).
+def _normals_at(view: View, pixels: Tensor, at: Tensor) -> Tensor:
+    """(3, Q, n n) float64: normals at a grid of places inside pixels, in [0, 1) along both sides."""
+    v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
+    return view.surface(pixels, u, v).normals.double()
+
+
+def _group(points: _Points, first: Tensor, across: Tensor, dual: Tensor, places: int) -> GroupLookup | None:
+    """One group, from each point's first spline (N,) and its four values (N, 4).
 
     dual  (rings, G): the group's columns
     """
     touched = torch.nonzero((dual != 0).any(1)).ravel()
-    near = (first <= touched[-1]) & (first + SUPPORT > touched[0])
-    pixels = torch.nonzero(near.any(1)).ravel()
+    near = torch.nonzero((first <= touched[-1]) & (first + SUPPORT > touched[0])).ravel()
+    if not len(near):
+        return None
     n_rings = dual.shape[1]
+    start, stop = int(points.pixel[near[0]]), int(points.pixel[near[-1]]) + 1
     rows: list[Tensor] = []
     columns: list[Tensor] = []
     values: list[Tensor] = []
-    for some in pixels.split(_CHUNK):
-        index = first[some][..., None] + torch.arange(SUPPORT)
-        by_ring = torch.einsum("psk,pskg->psg", across[some], dual[index])
-        position = torch.remainder(alpha[some] * (places / (2 * pi)) - 0.5, places)
+    for low_pixel in range(start, stop, _CHUNK):
+        ends = torch.searchsorted(points.pixel[near], torch.tensor([low_pixel, low_pixel + _CHUNK]))
+        some = near[ends[0] : ends[1]]
+        by_ring = torch.einsum("nk,nkg->ng", across[some], dual[first[some, None] + torch.arange(SUPPORT)])
+        position = torch.remainder(points.alpha[some] * (places / (2 * pi)) - 0.5, places)
         low = position.floor()
-        part = (position - low)[..., None]
-        total = torch.zeros(len(some) * places, n_rings, dtype=torch.float64)
+        part = (position - low)[:, None]
+        present, index = torch.unique_consecutive(points.pixel[some], return_inverse=True)
+        total = torch.zeros(len(present) * places, n_rings, dtype=torch.float64)
         for step, share in ((0, 1 - part), (1, part)):
             azimuth = (low.long() + step) % places
-            at = torch.arange(len(some))[:, None] * places + place_of(azimuth, places)
-            total.index_add_(0, at.ravel(), (by_ring * share).flatten(0, 1))
-        total = total.view(len(some), places * n_rings)
+            total.index_add_(0, index * places + place_of(azimuth, places), by_ring * share)
+        total = total.view(len(present), places * n_rings)
         row, column = torch.nonzero(total, as_tuple=True)
-        for found, more in ((rows, some[row]), (columns, column), (values, total[row, column])):
+        for found, more in ((rows, present[row]), (columns, column), (values, total[row, column])):
             found.append(more)
-    if not rows or not len(torch.cat(rows)):
-        return None
     row, place, value = torch.cat(rows), torch.cat(columns), torch.cat(values).float()
-    start, stop = int(row[0]), int(row[-1]) + 1
     azimuth, ring = place // n_rings, place % n_rings
     channels = torch.arange(3)[:, None]
     bag = 3 * (row - start) + channels
