@@ -114,20 +114,13 @@ class TestOracle:
         found = errors(harmonic(library, probe), sampled(library, probe))
         assert max(found.values()) < 5e-3, found
 
-    @pytest.mark.parametrize(
-        "height",
-        [
-            pytest.param(height, marks=pytest.mark.xfail(strict=True, reason="`_blur` levels the rows at the poles"))
-            if height < 32
-            else height
-            for height in (2, 8, 32)
-        ],
-    )
-    def test_coarse_noise(self, library: MaterialLibrary, height: int) -> None:
+    @pytest.mark.parametrize(("height", "tolerance"), [(2, 1e-2), (8, 5e-3), (32, 5e-3)])
+    def test_coarse_noise(self, library: MaterialLibrary, height: int, tolerance: float) -> None:
+        """Every texel of a pole in another colour, which bilinear radiance shows up to the next row."""
         generator = torch.Generator().manual_seed(height)
         probe = LightProbe(torch.rand(3, height, 2 * height, generator=generator) ** 4)
         found = errors(harmonic(library, probe), sampled(library, probe))
-        assert max(found.values()) < 5e-3, found
+        assert max(found.values()) < tolerance, found
 
     @pytest.mark.parametrize("height", [2, 8])
     def test_coarse_probes(self, library: MaterialLibrary, height: int) -> None:

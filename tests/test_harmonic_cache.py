@@ -245,7 +245,6 @@ class TestDamage:
         assert capfd.readouterr() == ("", "")
         assert not recwarn.list
 
-    @pytest.mark.xfail(strict=True, reason="`_read`: no sum over the layout and the shapes in the header")
     def test_bits_of_the_header(self, library: MaterialLibrary) -> None:
         """No flipped bit in the header may go unseen or raise: None, or what was written. (Every fourth byte.)"""
         expected = transport_of(library)

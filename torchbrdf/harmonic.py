@@ -107,7 +107,7 @@ def spectrum(group: Kernels, light: tuple[Tensor, Tensor], contained: int, blend
             torch.bmm(side[frequencies, :, rows], kernels).view(len(kernels) * 6 * group.n_rings, len(mix))
             for side, kernels, mix in zip(light, (band.even, band.odd), mixes, strict=True)
         )
-        parts.append(torch.addmm(even @ mixes[0], odd, mixes[1]))
+        parts.append((even @ mixes[0]).addmm_(odd, mixes[1]))
     series = torch.cat(parts)
     return series.view(-1, 2, 3, group.n_rings, series.shape[1])
 

@@ -18,7 +18,7 @@ LINES = 576
 FINEST_HEIGHT = 600
 """Rows of texels that these lines resolve; larger probes are averaged to so many."""
 
-_BLUR = radians(0.05)
+_BLUR = radians(0.1)
 """Standard deviation of a blur along the probe's own rows: it spreads the texels that crowd at its poles."""
 
 

@@ -16,7 +16,7 @@ from torchbrdf.harmonic_grid import Zone
 from torchbrdf.splines import SUPPORT, spline_weights
 from torchbrdf.view import View
 
-_POINTS = (10, 20, 40)
+_POINTS = (10, 16, 24)
 """Gauss points along a side of a pixel: the first for those of a sphere, more where normals vary more inside."""
 
 _SPREAD = 0.05
