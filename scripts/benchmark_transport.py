@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Claim: at equal error the transport is at least 500 times faster than Mitsuba, which renders one BRDF at a time.
 
-    GOMP_SPINCOUNT=5000 python scripts/benchmark_transport.py [--library DIR] [--figure FILE.png]
+    GOMP_SPINCOUNT=5000 python scripts/benchmark_transport.py [--library DIR] [--shapes sphere] [--figure FILE.png]
 
-Three ways to the basis images (300 x RGB) of a sphere and of the Stanford bunny under three probes:
+Ways to the basis images (300 x RGB) of a sphere and of the Stanford bunny under three probes:
 (a) `one by one`: Mitsuba's `direct` integrator with the plugin `merl`, one basis BRDF at a time, 300 renderings;
 (b) `shared paths`: Mitsuba's light and shadows, all basis BRDFs gathered from the same paths (backend="mitsuba");
-(c) `transport`: this package's own (backend="sampled").
+(c) `transport`: this package's own (backend="sampled");
+(d) `harmonic`: precomputed for the library (backend="harmonic"), on the sphere. One row: it has no number of samples.
 Error of a material: |image - reference| / |reference| over the pixels of the mask, each channel of the material in
 its own colour of the light. The reference is a float32 rendering by (c) with 16 times the samples, a mean of two seeds
 that nothing else uses; how far the two are apart tells its own error. Since (c) could share a mistake with it, a
@@ -31,6 +32,7 @@ from tqdm import tqdm
 from torchbrdf import BasisImages, LightProbe, MaterialLibrary, MerlTable, MeshView, SphereView, View, render_basis
 from torchbrdf.metrics import relative_rms
 from torchbrdf.mitsuba_backend import MitsubaScene
+from torchbrdf.ring_lookup import unsuited
 from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
@@ -38,8 +40,11 @@ MATERIALS = ("pink-felt", "light-red-paint", "red-metallic-paint", "black-phenol
 """From diffuse to mirror-like."""
 
 TARGET = 0.005
-METHODS = {"a": "Mitsuba, one by one", "b": "Mitsuba, shared paths", "c": "transport"}
-SAMPLES = {"a": (64, 256, 1024, 4096), "b": (64, 256, 1024, 4096), "c": (64, 256, 1024, 4096, 16384)}
+HARMONIC_REPEATS = 7
+"""Of which the median counts."""
+
+METHODS = {"a": "Mitsuba, one by one", "b": "Mitsuba, shared paths", "c": "transport", "d": "harmonic"}
+SAMPLES = {"a": (64, 256, 1024, 4096), "b": (64, 256, 1024, 4096), "c": (64, 256, 1024, 4096, 16384), "d": (0,)}
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--probes", nargs="+", default=["default", "uffizi.hdr", "grace.hdr"], help="default or a file")
+    parser.add_argument("--shapes", nargs="+", default=["sphere", "bunny"], choices=["sphere", "bunny"])
     parser.add_argument("--reference-samples", type=int, default=65536)
     parser.add_argument("--size", type=int, default=64)
     parser.add_argument("--figure", type=Path, help="log-log plot, .png")
@@ -84,6 +90,7 @@ def main() -> None:
             "sphere": SphereView(options.size),
             "bunny": MeshView(DATA / "shapes" / "bunny.ply", options.size),
         }
+        views = {shape: views[shape] for shape in options.shapes}
         probes = {Path(name).stem: open_probe(name) for name in options.probes}
     print(f"{library!r}, {torch.get_num_threads()} threads, reference {options.reference_samples} samples a pixel")
     scenes = {}
@@ -126,7 +133,17 @@ def measure_scene(
 
         return render
 
+    def harmonic(_: int, __: int) -> tuple[Tensor, float]:
+        seconds = []
+        for _ in range(HARMONIC_REPEATS):
+            start = time.perf_counter()
+            basis = render_basis(library, LightProbe(probe.radiance), view, "harmonic")
+            seconds.append(time.perf_counter() - start)
+        return own_colours(basis), statistics.median(seconds)
+
     ways = {"a": one_by_one, "b": whole("mitsuba"), "c": whole("sampled")}
+    if unsuited(view) is None:
+        ways["d"] = harmonic
     runs = []
     for method, render in tqdm(ways.items(), desc=f"{view!r}", leave=False):
         render(SAMPLES[method][0], 0)  # the warm-up compiles
@@ -167,10 +184,10 @@ def print_scene(name: str, runs: list[Run], reference: Reference, view: View) ->
         errors = " | ".join(f"{error:.2%}" for error in run.errors.tolist())
         print(f"| ({run.method}) {METHODS[run.method]} | {run.samples} | {run.seconds:.2f} | {errors} |")
     print("| the reference's own error | | | " + " | ".join(f"{e:.3%}" for e in reference.errors.tolist()) + " |")
-    print("\nMean of the image over that of the reference, minus 1, at the most samples:\n")
+    print("\nMean of the image over that of the reference, minus 1, with the most samples:\n")
     print("| method | " + " | ".join(MATERIALS) + " |")
     print("|---|" + "---:|" * len(MATERIALS))
-    for method in METHODS:
+    for method in dict.fromkeys(run.method for run in runs):
         last = [run for run in runs if run.method == method][-1]
         ratios = last.images.sum((1, 2, 3)) / reference.images.sum((1, 2, 3)) - 1
         print(f"| ({method}) | " + " | ".join(f"{ratio:+.3%}" for ratio in ratios.tolist()) + " |", flush=True)
@@ -194,6 +211,13 @@ def print_ratios(scenes: dict[str, list[Run]]) -> None:
         for method, ratios in found.items():
             median = statistics.median(ratios)
             print(f"({method}): least {min(ratios):,.1f}, median {median:,.0f}, most {max(ratios):,.0f}")
+    print("\n### Seconds of (a), (b) and (c) over those of (d), at the error of (d)\n")
+    print("| scene | method | " + " | ".join(MATERIALS) + " |\n|---|---|" + "---:|" * len(MATERIALS))
+    for name, runs in scenes.items():
+        for ours in (run for run in runs if run.method == "d"):
+            for method in ("a", "b", "c"):
+                row = [seconds_for(runs, method, k, e) / ours.seconds for k, e in enumerate(ours.errors.tolist())]
+                print(f"| {name} | ({method}) | " + " | ".join(f"{ratio:,.0f}" for ratio in row) + " |")
     worst = max(float(run.errors.max()) for runs in scenes.values() for run in runs if is_default(run))
     print(f"largest error of (c) with {DEFAULT_SAMPLES} samples: {worst:.2%}; asked for {TARGET:.1%}")
 
@@ -212,13 +236,19 @@ def draw(scenes: dict[str, list[Run]], path: Path) -> None:
 
     from torchbrdf.files import writing
 
-    colours = {"a": "#b3541e", "b": "#2f6f9f", "c": "#2b7a3d"}
-    figure, axes = pyplot.subplots(2, len(scenes) // 2, figsize=(11, 6.6), sharex=True, sharey=True)
+    colours = {"a": "#b3541e", "b": "#2f6f9f", "c": "#2b7a3d", "d": "#7a2b76"}
+    n_rows = len({name.split(",")[0] for name in scenes})
+    size = (11, 0.6 + 3 * n_rows + 0.6 * (n_rows == 1))
+    figure, axes = pyplot.subplots(n_rows, len(scenes) // n_rows, figsize=size, sharex=True, sharey=True, squeeze=False)
     for axis, (name, runs) in zip(axes.ravel(), scenes.items(), strict=True):
         for method, label in METHODS.items():
             mine = [run for run in runs if run.method == method]
+            if not mine:
+                continue
             seconds = [run.seconds for run in mine]
             errors = torch.stack([run.errors for run in mine])
+            if len(mine) == 1:
+                axis.vlines(seconds, errors.amin(1), errors.amax(1), color=colours[method], alpha=0.3, linewidth=4)
             axis.fill_between(seconds, errors.amin(1), errors.amax(1), color=colours[method], alpha=0.15, linewidth=0)
             axis.plot(seconds, errors.median(1).values, "o-", color=colours[method], label=f"({method}) {label}", ms=4)
         axis.axhline(TARGET, color="0.5", linewidth=0.8, linestyle=":")

@@ -11,6 +11,7 @@ from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.directional import render_directional
 from torchbrdf.estimator import BRDFEstimator
+from torchbrdf.harmonic_basis import HarmonicBasis
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
@@ -25,6 +26,7 @@ __all__ = [
     "BRDFEstimator",
     "BasisImages",
     "Camera",
+    "HarmonicBasis",
     "LightProbe",
     "MaterialClasses",
     "MaterialLibrary",
@@ -42,4 +44,4 @@ __all__ = [
     "write_image",
 ]
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"

@@ -5,6 +5,7 @@ the light with the ring's kernel. `harmonic_kernels` holds the kernels, compress
 `light_harmonics` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import pi
@@ -89,25 +90,28 @@ def frequencies_of(light: Tensor) -> int:
     return max(1, int(above.sum()))
 
 
-def spectrum(group: Kernels, light: tuple[Tensor, Tensor], contained: int, blend: Tensor | None = None) -> Tensor:
+def spectrum(
+    group: Kernels, light: tuple[Tensor, Tensor], contained: int, mixes: Sequence[tuple[Tensor, Tensor]] | None = None
+) -> Tensor:
     """(M, 2, 3, G, R) or (M, 2, 3, G, C): series of the mixtures' radiance along the rings, or of blends of them.
 
     2 for real and imaginary parts, 3 for the channels of the light
     contained  frequencies of the light; M is at most that
-    blend      (R, C)
+    mixes      of every band, to blends instead of mixtures: (r, C) for the even and (s, C) for the odd part
     """
+    mixes = mixes or [(band.mix_even, band.mix_odd) for band in group.bands]
     parts = []
-    for band in group.bands:
+    for band, mix in zip(group.bands, mixes, strict=True):
         if band.low >= contained:
             break
-        frequencies = slice(band.low, band.low + len(band.even))
+        count = min(len(band.even), contained - band.low)
+        frequencies = slice(band.low, band.low + count)
         rows = slice(group.first_row, group.first_row + band.even.shape[1])
-        mixes = [mix if blend is None else mix @ blend for mix in (band.mix_even, band.mix_odd)]
         even, odd = (
-            torch.bmm(side[frequencies, :, rows], kernels).view(len(kernels) * 6 * group.n_rings, len(mix))
-            for side, kernels, mix in zip(light, (band.even, band.odd), mixes, strict=True)
+            torch.bmm(side[frequencies, :, rows], kernels[:count]).view(6 * count * group.n_rings, len(part))
+            for side, kernels, part in zip(light, (band.even, band.odd), mix, strict=True)
         )
-        parts.append((even @ mixes[0]).addmm_(odd, mixes[1]))
+        parts.append((even @ mix[0]).addmm_(odd, mix[1]))
     series = torch.cat(parts)
     return series.view(-1, 2, 3, group.n_rings, series.shape[1])
 

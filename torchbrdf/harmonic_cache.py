@@ -85,7 +85,11 @@ def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
                     'free; make room, set TORCHBRDF_CACHE to another disk, or use backend="sampled"'
                 )
             parts.mkdir(exist_ok=True)
-            built = _assembled(stored, parts, progress)
+            try:
+                built = _assembled(stored, parts, progress)
+            except KeyboardInterrupt:
+                message = "interrupted; the harmonic transport goes on from here when it is next asked for"
+                raise KeyboardInterrupt(message) from None
             _write(path, built.groups)
             shutil.rmtree(parts, ignore_errors=True)
             kernels = _read(path)

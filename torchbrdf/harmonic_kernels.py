@@ -5,9 +5,10 @@ of `harmonic_grid`. Here the kernels' Fourier series in delta is integrated, for
 sampling half vectors: places in theta_h follow the cells of MERL's grid, so lobes as sharp as a table can hold are
 integrated, not sampled. (Averages over texels of the light, by contrast, miss most of a mirror's lobe.)
 
-A group of neighbouring rings sees nearly the same BRDFs, and at high frequencies few of the materials tell each
-other apart. So each group has its own basis of materials: mixtures q_1, q_2, ... of the library's columns, such that
-the first few carry the highest frequencies. Columns are brought to comparable size by `column_norms`.
+A group of neighbouring rings sees nearly the same BRDFs. So each group has a basis of its own, mixtures of the
+library's columns, and each band of its frequencies a smaller one, for the kernels' even and odd part apart. Columns
+are brought to comparable size by `column_norms`; what may be lost of them is shared among groups by their area in the
+image, so that no part of it is worse than others.
 """
 
 from dataclasses import dataclass, replace
@@ -39,12 +40,19 @@ _AZIMUTHS = (64, 96, 128, 192)
 """Half vectors on a half circle about the normal, by zone."""
 
 _MIXTURES = 128
-"""Mixtures with which a group is computed before the final, smaller basis is known; at most."""
+"""Mixtures, at most, with which a group is computed before its final, smaller basis is known."""
 
 _NORM_SAMPLES = 1 << 19
 _NORM_RINGS = 16
+"""Directions, and ranges of normals, that tell the norms of columns."""
+
 _GRAM_CELLS = 1 << 15
+"""Cells of MERL's grid that tell a group's first mixtures, about."""
+
+_ROWS_AT_ONCE = 1 << 14
 _BLOCK = 1 << 25
+"""Floats of spread samples held at once."""
+
 
 @dataclass(frozen=True)
 class Band:
@@ -132,7 +140,7 @@ class _Group:
         to_rings = to_rings[rings.start : rings.stop]
         used = to_rings.amax(0) > 0
         self.to_rings = to_rings[:, used]
-        self.samples = sample_half_vectors(zone, gamma[used])
+        self.samples = _half_vectors(zone, gamma[used])
         share = zone.ring_measure[rings.start : rings.stop].sum() / zone.ring_measure.sum()
         self.allowance = TOLERANCE * float(share / (n_zones * 2 * len(BANDS))) ** 0.5
 
@@ -198,20 +206,19 @@ class _Group:
     def _cell_mixtures(self) -> tuple[Tensor, Tensor, Tensor]:
         """Mixtures (n, r) of the normalised columns that suffice in this group's cells; their values (cells, r)."""
         cells, place = torch.unique(self.samples.cells, return_inverse=True)
-        share = self.to_rings.sum(0)[:, None] * self.samples.weights
-        share = share * self.samples.kernel
+        share = self.to_rings.sum(0)[:, None] * self.samples.weights * self.samples.kernel
         importance = torch.zeros(len(cells), dtype=torch.float64)
         for mirrored in place:
             importance.index_add_(0, mirrored.ravel(), share.ravel())
         step = max(1, len(cells) // _GRAM_CELLS)
         gram = torch.zeros(len(self.norms), len(self.norms), dtype=torch.float64)
-        for some in torch.arange(0, len(cells), step).split(1 << 14):
+        for some in torch.arange(0, len(cells), step).split(_ROWS_AT_ONCE):
             rows = self._rows(cells[some]).double() * (step * importance[some]).sqrt()[:, None]
             gram += rows.T @ rows
         size, vectors = _principal(gram)
-        enough = min(_needed(vectors, size, 0.3 * self.allowance), _MIXTURES)
+        enough = min(max(1, _needed(vectors, size, 0.3 * self.allowance)), _MIXTURES)
         vectors = vectors[:, :enough]
-        blocks = [self._rows(some) @ vectors.float() for some in cells.split(1 << 14)]
+        blocks = [self._rows(some) @ vectors.float() for some in cells.split(_ROWS_AT_ONCE)]
         return vectors, torch.cat(blocks), place
 
     def _rows(self, cells: Tensor) -> Tensor:
@@ -276,7 +283,7 @@ def _needed(loadings: Tensor, size: Tensor, allowance: float) -> int:
     return int((most > allowance).sum())
 
 
-def sample_half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
+def _half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
     """Half vectors of a zone for normals at polar angles gamma (Q,), two in theta_h for each row of MERL's grid."""
     edges = (torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)
     edges = edges[: int((edges < zone.reach).sum()) + 1]
@@ -329,7 +336,7 @@ def column_norms(stored: StoredColumns) -> Tensor:
     uniform = torch.zeros(_NORM_RINGS, N_CELLS).index_put_((ring, cell), w_i[:, 2].float(), accumulate=True)
     n = stored.columns.shape[1]
     power, brightness = torch.zeros(n, dtype=torch.float64), torch.zeros(_NORM_RINGS, n, dtype=torch.float64)
-    for cells in torch.nonzero(white).ravel().split(1 << 14):
+    for cells in torch.nonzero(white).ravel().split(_ROWS_AT_ONCE):
         rows = stored.columns[cells].float() * stored.scale.float()
         power += (rows.square().T.double() @ white[cells])
         brightness += (uniform[:, cells] @ rows).double()

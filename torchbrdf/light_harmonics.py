@@ -6,17 +6,17 @@ from math import atan2, pi, radians, sin
 
 import torch
 from torch import Tensor
-from torch.nn.functional import embedding_bag
+from torch.nn.functional import grid_sample
 
 from torchbrdf.harmonic_grid import Zone, zones
-from torchbrdf.latlong import patch_of, texel_coordinates
+from torchbrdf.latlong import texel_coordinates
 from torchbrdf.probe import LightProbe
 
 LINES = 576
 """Lines of equal polar angle on which radiance is read; twice as many places on each."""
 
-FINEST_HEIGHT = 600
-"""Rows of texels that these lines resolve; larger probes are averaged to so many."""
+_FINEST = 600 / LINES
+"""Rows of texels that a line resolves; larger probes are averaged to so many."""
 
 _BLUR = radians(0.1)
 """Standard deviation of a blur along the probe's own rows: it spreads the texels that crowd at its poles."""
@@ -28,9 +28,13 @@ LightHarmonics = list[tuple[Tensor, Tensor]]
 
 @dataclass(frozen=True, eq=False)
 class TurningLight:
-    """A probe whose harmonics are wanted in several orientations."""
+    """A probe whose harmonics are wanted in several orientations.
+
+    lines  of equal polar angle on which radiance is read; at least 270 for all frequencies
+    """
 
     probe: LightProbe
+    lines: int = LINES
 
     def harmonics(self, rotation: Tensor | None = None) -> LightHarmonics:
         """The coefficients of the probe turned by a rotation (3, 3), as in `LightProbe.rotated`; None for none.
@@ -44,8 +48,8 @@ class TurningLight:
             return [_with_multiple(spectrum) for spectrum in self._spectra(rotation)]
         found = []
         for spectrum in self._upright:
-            phase = -angle * torch.arange(spectrum.shape[1], device=spectrum.device)
-            found.append(_with_multiple(spectrum * torch.polar(torch.ones_like(phase), phase)[:, None]))
+            phase = -angle * torch.arange(spectrum.shape[2], device=spectrum.device)
+            found.append(_with_multiple(spectrum * torch.polar(torch.ones_like(phase), phase)))
         return found
 
     @cached_property
@@ -55,7 +59,8 @@ class TurningLight:
     @cached_property
     def _texels(self) -> Tensor:
         """(3, H, 2 H) radiance."""
-        probe = self.probe if self.probe.height <= FINEST_HEIGHT else self.probe.resized(FINEST_HEIGHT)
+        finest = round(self.lines * _FINEST)
+        probe = self.probe if self.probe.height <= finest else self.probe.resized(finest)
         radiance, blur = probe.radiance, _blur(probe.height, str(probe.device))
         n = len(blur)
         top, middle, bottom = radiance.split([n, probe.height - 2 * n, n], dim=1)
@@ -66,23 +71,25 @@ class TurningLight:
         return torch.cat([top, middle, bottom], 1)
 
     def _spectra(self, rotation: Tensor | None) -> list[Tensor]:
-        """(elevations, M, 3) complex64 for every zone."""
+        """(3, elevations, M) complex64 for every zone."""
         height, device = self._texels.shape[1], str(self._texels.device)
         if rotation is None:
-            texels, weights = _lookup(height, device)
+            places = _places(height, self.lines, device)
         else:
-            turned = _polar_directions() @ rotation.to("cpu", torch.float32)  # a row vector times R is R^T d
-            texels, weights = _lookup_at(turned, height, device)
-        radiance = self._texels.flatten(1).T.contiguous()
-        seen = embedding_bag(texels, radiance, mode="sum", per_sample_weights=weights)
-        spectrum = torch.fft.rfft(seen.view(LINES, 2 * LINES, 3), dim=1, norm="forward")
-        flat = torch.view_as_real(spectrum).flatten(1)
-        parts = [(_projection(zone, device) @ flat[:, : 6 * zone.frequencies]) for zone in zones()]
-        return [torch.view_as_complex(part.view(len(part), -1, 3, 2)) for part in parts]
+            turned = _polar_directions(self.lines) @ rotation.to("cpu", torch.float32)  # a row vector times R is R^T d
+            places = _places_of(turned, height).to(device)
+        wrapped = torch.cat([self._texels[..., -1:], self._texels, self._texels[..., :1]], -1)
+        seen = grid_sample(wrapped[None], places[None], mode="bilinear", align_corners=True)[0]
+        spectrum = torch.view_as_real(torch.fft.rfft(seen, norm="forward"))
+        found = []
+        for zone in zones():
+            kept = spectrum[:, :, : zone.frequencies].flatten(2)
+            found.append(torch.view_as_complex((_projection(zone, self.lines, device) @ kept).unflatten(2, (-1, 2))))
+        return found
 
 
 def _with_multiple(spectrum: Tensor) -> tuple[Tensor, Tensor]:
-    real, imaginary = torch.view_as_real(spectrum).permute(3, 1, 2, 0)
+    real, imaginary = torch.view_as_real(spectrum).permute(3, 2, 0, 1)
     return torch.cat([real, imaginary], 1), torch.cat([-imaginary, real], 1)
 
 
@@ -94,31 +101,26 @@ def _turn_about_view(rotation: Tensor) -> float | None:
     return atan2(r[1][0], r[0][0])
 
 
-@lru_cache(maxsize=1)
-def _polar_directions() -> Tensor:
-    """(LINES * 2 LINES, 3) float32: directions with polar angle beta to +Z and azimuth from +X towards +Y."""
-    beta = ((torch.arange(LINES, dtype=torch.float64) + 0.5) * (pi / LINES))[:, None]
-    phi = torch.arange(2 * LINES, dtype=torch.float64) * (pi / LINES)
+@lru_cache(maxsize=2)
+def _polar_directions(lines: int) -> Tensor:
+    """(lines, 2 lines, 3) float32: directions with polar angle beta to +Z and azimuth from +X towards +Y."""
+    beta = ((torch.arange(lines, dtype=torch.float64) + 0.5) * (pi / lines))[:, None]
+    phi = torch.arange(2 * lines, dtype=torch.float64) * (pi / lines)
     sine = torch.sin(beta)
-    axes = [sine * torch.cos(phi), sine * torch.sin(phi), torch.cos(beta).expand(-1, 2 * LINES)]
-    return torch.stack(axes, dim=-1).float().flatten(0, 1)
+    axes = [sine * torch.cos(phi), sine * torch.sin(phi), torch.cos(beta).expand(-1, 2 * lines)]
+    return torch.stack(axes, dim=-1).float()
 
 
-def _lookup_at(directions: Tensor, height: int, device: str) -> tuple[Tensor, Tensor]:
-    """Four texels (N, 4) int32 between which directions (N, 3) lie, and their bilinear weights."""
+def _places_of(directions: Tensor, height: int) -> Tensor:
+    """(..., 2): where `grid_sample` finds directions (..., 3), in texels whose ends repeat each other's columns."""
     width = 2 * height
     x, y, _ = texel_coordinates(directions, height, width)
-    column, row, s, t = patch_of(x, y, height, width)
-    first = row * width + column
-    following = torch.where(column == width - 1, first - (width - 1), first + 1)
-    texels = torch.stack([first, following, first + width, following + width], -1)
-    weights = torch.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], -1)
-    return texels.int().to(device), weights.to(device)
+    return torch.stack([(x + 1) * (2 / (width + 1)) - 1, y * (2 / (height - 1)) - 1], -1)
 
 
 @lru_cache(maxsize=4)
-def _lookup(height: int, device: str) -> tuple[Tensor, Tensor]:
-    return _lookup_at(_polar_directions(), height, device)
+def _places(height: int, lines: int, device: str) -> Tensor:
+    return _places_of(_polar_directions(lines), height).to(device)
 
 
 @lru_cache(maxsize=8)
@@ -136,5 +138,5 @@ def _blur(height: int, device: str) -> Tensor:
 
 
 @lru_cache(maxsize=16)
-def _projection(zone: Zone, device: str) -> Tensor:
-    return zone.light_projection(LINES).to(device)
+def _projection(zone: Zone, lines: int, device: str) -> Tensor:
+    return zone.light_projection(lines).to(device)

@@ -23,6 +23,10 @@ from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.splines import SUPPORT, spline_weights
 from torchbrdf.view import SphereView
 
+_LINES = 288
+_FREQUENCIES = (112, 80, 56, 40)
+"""Of the light, in every zone: enough for what a picture of some hundred pixels shows."""
+
 
 class Relighter:
     """Spheres of K BRDFs under a probe that turns.
@@ -43,8 +47,11 @@ class Relighter:
         self.mask = self._view.mask
         self._groups = transport.groups
         columns = weights.detach().float().permute(1, 0, 2).flatten(1)  # (n, 3 K)
-        self._blends = [group.mixing.T @ columns for group in transport.groups]
-        self._light = TurningLight(probe)
+        self._mixes = []
+        for group in transport.groups:
+            blend = group.mixing.T @ columns
+            self._mixes.append([(band.mix_even @ blend, band.mix_odd @ blend) for band in group.bands])
+        self._light = TurningLight(probe, _LINES)
         self._zones = zones()
 
     @classmethod
@@ -79,13 +86,13 @@ class Relighter:
         return mirrored
 
     def _rings(self, zone: Zone, light: tuple[Tensor, Tensor]) -> Tensor:
-        """(rings A, 3 K): coefficients of the splines across the rings, at A = 2 rows + 2 places along them."""
-        contained = frequencies_of(light[0])
-        series = torch.zeros(zone.rings, 3 * len(self.labels), zone.frequencies, dtype=torch.complex64)
-        for group, blend in zip(self._groups, self._blends, strict=True):
+        """(rings A, 3 K): coefficients of the splines across the rings, at A places along them."""
+        contained = min(frequencies_of(light[0]), _FREQUENCIES[zone.index])
+        series = torch.zeros(zone.rings, 3 * len(self.labels), contained, dtype=torch.complex64)
+        for group, mixes in zip(self._groups, self._mixes, strict=True):
             if group.zone != zone.index:
                 continue
-            found = spectrum(group, light, contained, blend).unflatten(-1, (-1, 3))
+            found = spectrum(group, light, contained, mixes).unflatten(-1, (-1, 3))
             own = torch.diagonal(found, dim1=2, dim2=5)  # each channel of a BRDF in its own colour of the light
             real, imaginary = own.permute(1, 2, 3, 4, 0).flatten(2, 3)
             rings = slice(group.first_ring, group.first_ring + group.n_rings)
@@ -116,4 +123,4 @@ class Relighter:
 
 
 def _places(zone: Zone) -> int:
-    return 2 * zone.frequencies
+    return 2 * _FREQUENCIES[zone.index]

@@ -6,6 +6,8 @@ import webbrowser
 from collections.abc import Callable
 from pathlib import PurePath
 
+import torch
+
 from torchbrdf.commands.demo import MATERIAL, photographed
 from torchbrdf.commands.fit import Fit, fit, read_observation, summary
 from torchbrdf.commands.inputs import open_library, open_probe
@@ -39,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
         print(summary(fitted))
         if options.light is not None:
             probe = open_probe(argparse.Namespace(**vars(options) | _other_light(options)))
+        torch.set_num_threads(max(1, torch.get_num_threads() - 1))  # the browser needs a core
         spheres = Relighter.of(library, fitted.result, probe, options.pixels)
         name = PurePath(probe.name.removeprefix("light probe ")).name
         with LiveServer(spheres, listener, title, name) as server:
