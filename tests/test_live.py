@@ -3,7 +3,6 @@
 import http.client
 import math
 import re
-import shutil
 import signal
 import sys
 import threading
@@ -401,26 +400,15 @@ PIXELS = """index => {
 
 
 @pytest.fixture
-def tab(server):
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    browser_path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if browser_path is None:
-        pytest.skip("no Chromium on this machine to open the page in")
-    flags = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
-    flags += ["--disable-component-update", "--disable-sync"]
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
-        try:
-            tab = browser.new_page(viewport={"width": 1064, "height": 900})
-            tab.complaints, tab.requests = [], []
-            tab.on("console", lambda message: tab.complaints.append(message.text))
-            tab.on("pageerror", lambda error: tab.complaints.append(str(error)))
-            tab.on("request", lambda request: tab.requests.append(request.url))
-            tab.goto(server.url)
-            settle(tab)
-            yield tab
-        finally:
-            browser.close()
+def tab(server, browser):
+    tab = browser.new_page(viewport={"width": 1064, "height": 900})
+    tab.complaints, tab.requests = [], []
+    tab.on("console", lambda message: tab.complaints.append(message.text))
+    tab.on("pageerror", lambda error: tab.complaints.append(str(error)))
+    tab.on("request", lambda request: tab.requests.append(request.url))
+    tab.goto(server.url)
+    settle(tab)
+    return tab
 
 
 def settle(tab):

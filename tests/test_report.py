@@ -1,6 +1,5 @@
 import base64
 import re
-import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from math import pi
@@ -182,34 +181,23 @@ def test_the_note_on_the_light_is_how_a_ball_looks_under_it(report, tiny_tables)
     assert ends.max() < 1e-4 * middle.max()
 
 
-def test_the_browser_shows_every_picture_offline(report):
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    browser_path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if browser_path is None:
-        pytest.skip("no Chromium on this machine to open the report in")
-    flags = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
-    flags += ["--disable-component-update", "--disable-sync"]
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
-        try:
-            context = browser.new_context(offline=True, viewport={"width": 1064, "height": 900})
-            tab = context.new_page()
-            complaints, requests = [], []
-            tab.on("console", lambda message: complaints.append(message.text))
-            tab.on("pageerror", lambda error: complaints.append(str(error)))
-            tab.on("request", lambda request: requests.append(request.url.split(":")[0]))
-            tab.goto(report.as_uri())
-            widths = tab.evaluate("Array.from(document.images, image => image.complete ? image.naturalWidth : 0)")
-            wider = tab.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth")
-            plates = tab.evaluate(
-                "Array.from(document.querySelectorAll('.four'), row => new Set(Array.from(row.children, "
-                "figure => Math.round(figure.getBoundingClientRect().top))).size)"
-            )
-            tab.emulate_media(media="print")
-            tab.set_viewport_size({"width": 718, "height": 1000})  # A4 less the default margins
-            wider_in_print = tab.evaluate("document.documentElement.scrollWidth > 718")
-        finally:
-            browser.close()
+def test_the_browser_shows_every_picture_offline(report, browser):
+    context = browser.new_context(offline=True, viewport={"width": 1064, "height": 900})
+    tab = context.new_page()
+    complaints, requests = [], []
+    tab.on("console", lambda message: complaints.append(message.text))
+    tab.on("pageerror", lambda error: complaints.append(str(error)))
+    tab.on("request", lambda request: requests.append(request.url.split(":")[0]))
+    tab.goto(report.as_uri())
+    widths = tab.evaluate("Array.from(document.images, image => image.complete ? image.naturalWidth : 0)")
+    wider = tab.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth")
+    plates = tab.evaluate(
+        "Array.from(document.querySelectorAll('.four'), row => new Set(Array.from(row.children, "
+        "figure => Math.round(figure.getBoundingClientRect().top))).size)"
+    )
+    tab.emulate_media(media="print")
+    tab.set_viewport_size({"width": 718, "height": 1000})  # A4 less the default margins
+    wider_in_print = tab.evaluate("document.documentElement.scrollWidth > 718")
     assert complaints == []
     assert set(requests) <= {"file", "data"}
     assert len(widths) >= 15

@@ -31,6 +31,7 @@ _QUADRATURE = 3
 """Places in an interval between two rings, or elevations, at which integrals are taken."""
 
 _DUAL_REACH = 9
+"""Rings on either side whose moments make a coefficient across the rings."""
 
 RINGS_PER_GROUP = 12
 
@@ -168,7 +169,6 @@ def _handover(theta_h: Tensor, start: float, end: float) -> Tensor:
 def zones() -> list[Zone]:
     """All zones, from the mirror direction outwards."""
     return [Zone(i, rows) for i, rows in enumerate(_ROWS)]
-
 
 
 def _places(intervals: int) -> Tensor:

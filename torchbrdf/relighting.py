@@ -45,7 +45,7 @@ class Relighter:
         self.probe = probe
         self._view = SphereView(size)
         self.mask = self._view.mask
-        self._groups = transport.groups
+        self.transport = transport
         columns = weights.detach().float().permute(1, 0, 2).flatten(1)  # (n, 3 K)
         self._mixes = []
         for group in transport.groups:
@@ -89,7 +89,7 @@ class Relighter:
         """(rings A, 3 K): coefficients of the splines across the rings, at A places along them."""
         contained = min(frequencies_of(light[0]), _FREQUENCIES[zone.index])
         series = torch.zeros(zone.rings, 3 * len(self.labels), contained, dtype=torch.complex64)
-        for group, mixes in zip(self._groups, self._mixes, strict=True):
+        for group, mixes in zip(self.transport.groups, self._mixes, strict=True):
             if group.zone != zone.index:
                 continue
             found = spectrum(group, light, contained, mixes).unflatten(-1, (-1, 3))
