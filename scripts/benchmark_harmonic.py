@@ -22,6 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
+from benchmark_transport import DATA, open_probe
 from torch import Tensor
 
 from torchbrdf import BRDFEstimator, LightProbe, MaterialClasses, MaterialLibrary, MeshView, NormalMapView, SphereView
@@ -30,7 +31,6 @@ from torchbrdf.harmonic_grid import zones
 from torchbrdf.transport import DEFAULT_SAMPLES, render_basis
 from torchbrdf.view import View
 
-DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 PROBES = ("default", "grace.hdr", "ennis.hdr", "uffizi.hdr", "forest.exr")
 SAMPLES = (256, 1024, DEFAULT_SAMPLES)
 
@@ -61,10 +61,6 @@ def main() -> None:
     print_reconstruction(library, probes, view, options.repeats)
     print_levers(library, probes["ennis" if "ennis" in probes else next(iter(probes))], view, options.repeats)
     print_normal_maps(library, probes, options.reference_samples)
-
-
-def open_probe(name: str) -> LightProbe:
-    return LightProbe.default() if name == "default" else LightProbe.open(DATA / "probes" / name)
 
 
 def print_errors(

@@ -279,10 +279,10 @@ class TestDisk:
     def test_no_room_is_needed_to_read(
         self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch, forget: Callable
     ) -> None:
-        transport_of(library)
+        written = transport_of(library)
         forget()
         monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=1e9, used=1e9, free=0))
-        transport_of(library)
+        assert equal(transport_of(library), written)
 
     @pytest.mark.parametrize("error", [SafetensorError("I/O error: No space left"), OSError(28, "No space left")])
     def test_a_write_that_fails_leaves_no_final_file(

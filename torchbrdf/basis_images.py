@@ -106,10 +106,6 @@ class BasisImages:
             "tell too little about a BRDF, do not trust the result; photograph a shape that is curved both ways"
         )
 
-    def under(self, probe: str) -> "BasisImages":
-        """The same images said to be of the light with another fingerprint."""
-        return replace(self, probe=probe)
-
     def to(self, device: torch.device | str) -> "BasisImages":
         """The same images on another device."""
         errors = None if self.relative_errors is None else self.relative_errors.to(device)

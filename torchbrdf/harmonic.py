@@ -37,7 +37,7 @@ class HarmonicTransport:
 
     def lookup(self, view: View) -> RingLookup:
         """How the view's pixels see the rings; remembered for the last few views."""
-        key = f"{view.fingerprint} {self.device}"
+        key = view.fingerprint
         if key not in self._lookups:
             while len(self._lookups) >= 4:
                 self._lookups.pop(next(iter(self._lookups)))
@@ -62,7 +62,7 @@ class HarmonicTransport:
         lookup = self.lookup(view)
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
         n = self.groups[0].mixing.shape[0] if columns is None else len(columns)
-        image = torch.zeros(n, 3 * len(lookup.order), device=self.device)
+        image = torch.zeros(n, 3 * len(lookup.rank), device=self.device)
         for group, seen in zip(self.groups, lookup.groups, strict=True):
             if seen is None:
                 continue
@@ -71,7 +71,7 @@ class HarmonicTransport:
             mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
             image[:, 3 * seen.pixels.start : 3 * seen.pixels.stop].addmm_(mixing, mixtures.T)
         sorted_images = image.view(n, -1, 3).transpose(1, 2)
-        return sorted_images.gather(2, torch.argsort(lookup.order).expand(n, 3, -1))
+        return sorted_images.gather(2, lookup.rank.expand(n, 3, -1))
 
     def to(self, device: torch.device | str) -> "HarmonicTransport":
         """On another device."""

@@ -1,5 +1,7 @@
 """Basis images of one view under one probe in any orientation, by the harmonic transport [CBP21, eq. 5]."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -29,7 +31,7 @@ class HarmonicBasis:
         self.library, self.probe, self.view = library, probe, view
         self.transport = transport_of(library, progress)
         self._light = TurningLight(probe.to(self.transport.device))
-        whole = len(library) == len(library.stored.names) and library.materials == tuple(range(len(library)))
+        whole = library.materials == tuple(range(len(library.stored.names)))
         self._columns = None if whole else library.column_index.to(self.transport.device)
 
     def basis_at(self, rotation: Tensor | None = None) -> BasisImages:
@@ -47,5 +49,5 @@ class HarmonicBasis:
         basis = BasisImages.of(packed, self.library, self.probe, self.view, "harmonic")
         if rotation is None:
             return basis
-        turn = ",".join(f"{value:.9g}" for value in torch.as_tensor(rotation).detach().flatten().tolist())
-        return basis.under(f"{self.probe.fingerprint} turned by {turn}")
+        turn = ",".join(f"{value:.9g}" for value in rotation.detach().flatten().tolist())
+        return replace(basis, probe=f"{self.probe.fingerprint} turned by {turn}")

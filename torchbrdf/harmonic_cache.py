@@ -49,7 +49,7 @@ def transport_of(library: MaterialLibrary, progress: bool = False) -> HarmonicTr
         if stored.mapping is not None or _path(stored).is_file():
             found = _from_disk(stored, progress)
         else:
-            found = _assembled(replace(stored, columns=stored.columns.cpu()), None, progress)
+            found = _assembled(stored, None, progress)
         if device.type != "cpu":
             found = found.to(device)
         while len(_in_memory) >= _REMEMBERED:
@@ -99,7 +99,8 @@ def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
 
 
 def _assembled(stored: StoredColumns, parts: Path | None, progress: bool) -> HarmonicTransport:
-    """Compute all groups; those already in a folder of parts are read."""
+    """Compute all groups, on the CPU; those already in a folder of parts are read."""
+    stored = replace(stored, columns=stored.columns.cpu())
     groups: list[Kernels] = []
     everything = [(zone, rings) for zone in zones() for rings in zone.groups]
     norms = column_norms(stored)

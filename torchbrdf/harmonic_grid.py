@@ -101,12 +101,13 @@ class Zone:
         """Rings that share a basis of materials and a range of elevations."""
         return [range(i, min(i + RINGS_PER_GROUP, self.rings)) for i in range(0, self.rings, RINGS_PER_GROUP)]
 
-    def ring_coordinate(self, gamma: Tensor) -> Tensor:
-        """Polar angles of normals in units of intervals."""
+    def ring_splines(self, gamma: Tensor) -> tuple[Tensor, Tensor]:
+        """First spline (...) int64 and the values of four (..., 4) at polar angles of normals."""
         table, coordinate, intervals = self._ring_table
         position = (gamma.double() / table[1]).clamp(0, len(table) - 1.000001)
         low = position.floor().long()
-        return torch.lerp(coordinate[low], coordinate[low + 1], position - low).clamp(0, intervals)
+        x = torch.lerp(coordinate[low], coordinate[low + 1], position - low).clamp(0, intervals - 1e-9)
+        return x.floor().long(), spline_weights(x)
 
     @cached_property
     def _ring_places(self) -> tuple[Tensor, Tensor, Tensor]:

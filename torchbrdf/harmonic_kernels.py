@@ -289,7 +289,7 @@ def _half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
     edges = edges[: int((edges < zone.reach).sum()) + 1]
     middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
     theta_h = (middle[:, None] + half[:, None] * torch.tensor([-1.0, 1.0]) / 3**0.5).ravel()  # Gauss-Legendre
-    n = _AZIMUTHS[min(zone.index, len(_AZIMUTHS) - 1)]
+    n = _AZIMUTHS[zone.index]
     phi_h = (torch.arange(n, dtype=torch.float64) + 0.5) * (pi / n)
     window, measure = zone.window(theta_h), half.repeat_interleave(2) * torch.sin(theta_h) * (pi / n)
     lit = window > 0

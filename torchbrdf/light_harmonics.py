@@ -58,7 +58,7 @@ class TurningLight:
 
     @cached_property
     def _texels(self) -> Tensor:
-        """(3, H, 2 H) radiance."""
+        """(3, H, 2 H + 2) radiance; the first and the last column repeat the one at the other end."""
         finest = round(self.lines * _FINEST)
         probe = self.probe if self.probe.height <= finest else self.probe.resized(finest)
         radiance, blur = probe.radiance, _blur(probe.height, str(probe.device))
@@ -68,7 +68,8 @@ class TurningLight:
             torch.fft.irfft(torch.fft.rfft(rows) * response, n=probe.width)
             for rows, response in ((top, blur), (bottom, blur.flip(0)))
         )
-        return torch.cat([top, middle, bottom], 1)
+        spread = torch.cat([top, middle, bottom], 1)
+        return torch.cat([spread[..., -1:], spread, spread[..., :1]], -1)
 
     def _spectra(self, rotation: Tensor | None) -> list[Tensor]:
         """(3, elevations, M) complex64 for every zone."""
@@ -78,8 +79,7 @@ class TurningLight:
         else:
             turned = _polar_directions(self.lines) @ rotation.to("cpu", torch.float32)  # a row vector times R is R^T d
             places = _places_of(turned, height).to(device)
-        wrapped = torch.cat([self._texels[..., -1:], self._texels, self._texels[..., :1]], -1)
-        seen = grid_sample(wrapped[None], places[None], mode="bilinear", align_corners=True)[0]
+        seen = grid_sample(self._texels[None], places[None], mode="bilinear", align_corners=True)[0]
         spectrum = torch.view_as_real(torch.fft.rfft(seen, norm="forward"))
         found = []
         for zone in zones():

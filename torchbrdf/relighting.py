@@ -20,7 +20,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.light_harmonics import TurningLight
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.splines import SUPPORT, spline_weights
+from torchbrdf.splines import SUPPORT
 from torchbrdf.view import SphereView
 
 _LINES = 288
@@ -53,6 +53,7 @@ class Relighter:
             self._mixes.append([(band.mix_even @ blend, band.mix_odd @ blend) for band in group.bands])
         self._light = TurningLight(probe, _LINES)
         self._zones = zones()
+        self._duals = [zone.ring_dual.float() for zone in self._zones]
 
     @classmethod
     def of(cls, library: MaterialLibrary, result: Reconstruction, probe: LightProbe, size: int) -> "Relighter":
@@ -97,7 +98,7 @@ class Relighter:
             real, imaginary = own.permute(1, 2, 3, 4, 0).flatten(2, 3)
             rings = slice(group.first_ring, group.first_ring + group.n_rings)
             series[rings, :, : len(found)] = torch.complex(real, imaginary)
-        dual = zone.ring_dual.to(torch.float32)
+        dual = self._duals[zone.index]
         series = torch.view_as_complex((dual @ torch.view_as_real(series).flatten(1)).view(*series.shape, 2))
         along = torch.fft.irfft(series, n=_places(zone), norm="forward")
         return along.transpose(1, 2).flatten(0, 1).contiguous()
@@ -109,15 +110,15 @@ class Relighter:
         gamma, alpha = torch.atan2(torch.hypot(x, y), z), torch.atan2(y, x)
         found = []
         for zone in self._zones:
-            position = zone.ring_coordinate(gamma).clamp_max(zone.intervals - 1e-9)
+            first, across = zone.ring_splines(gamma)
             n = _places(zone)
             around = torch.remainder(alpha * (n / (2 * pi)), n)
             low = around.floor()
-            rings = position.floor().long()[:, None] + torch.arange(SUPPORT)
+            rings = first[:, None] + torch.arange(SUPPORT)
             along = torch.stack([low.long() % n, (low.long() + 1) % n], 1)
             share = torch.stack([1 - (around - low), around - low], 1)
             places = rings[:, :, None] * n + along[:, None]
-            weights = spline_weights(position)[:, :, None] * share[:, None]
+            weights = across[:, :, None] * share[:, None]
             found.append((places.flatten(1), weights.flatten(1).float()))
         return found
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.harmonic_grid import Zone
-from torchbrdf.splines import SUPPORT, spline_weights
+from torchbrdf.splines import SUPPORT
 from torchbrdf.view import View
 
 _POINTS = (10, 16, 24)
@@ -48,9 +48,9 @@ class GroupLookup:
 
 @dataclass(frozen=True)
 class RingLookup:
-    """order (P,) int64: pixels of the view by polar angle of their normals; groups None where no pixel sees them."""
+    """rank (P,) int64: of the view's pixels by polar angle of their normals; groups None where no pixel sees them."""
 
-    order: Tensor
+    rank: Tensor
     groups: tuple[GroupLookup | None, ...]
 
     @staticmethod
@@ -61,11 +61,11 @@ class RingLookup:
         of_zone: dict[int, tuple[Tensor, Tensor]] = {}
         for zone, rings, places in groups:
             if zone.index not in of_zone:
-                x = zone.ring_coordinate(points.gamma).clamp_max(zone.intervals - 1e-9)
-                of_zone[zone.index] = (x.floor().long(), spline_weights(x) * points.share[:, None])
+                first, across = zone.ring_splines(points.gamma)
+                of_zone[zone.index] = (first, across * points.share[:, None])
             dual = zone.ring_dual[:, rings.start : rings.stop]
             found.append(_group(points, *of_zone[zone.index], dual, places))
-        return RingLookup(points.order, tuple(found))
+        return RingLookup(points.rank, tuple(found))
 
     def to(self, device: torch.device | str) -> "RingLookup":
         """On another device."""
@@ -73,7 +73,7 @@ class RingLookup:
             g and GroupLookup(g.start, g.places.to(device), g.offsets.to(device), g.weights.to(device))
             for g in self.groups
         ]
-        return RingLookup(self.order.to(device), tuple(groups))
+        return RingLookup(self.rank.to(device), tuple(groups))
 
 
 def unsuited(view: View) -> str | None:
@@ -101,13 +101,13 @@ def place_of(azimuth: Tensor, places: int) -> Tensor:
 class _Points:
     """Points inside the pixels of a view, pixel by pixel.
 
-    order         (P,) int64: pixels by polar angle of their normals
-    pixel         (N,) int64: place in that order
+    rank          (P,) int64: of the pixels by polar angle of their normals
+    pixel         (N,) int64: its rank
     gamma, alpha  (N,) float64: polar angle and azimuth of the normal
     share         (N,) of the pixel's area
     """
 
-    order: Tensor
+    rank: Tensor
     pixel: Tensor
     gamma: Tensor
     alpha: Tensor
@@ -118,10 +118,9 @@ class _Points:
         """More of them in pixels whose normals vary more."""
         pixels = view.pixels.cpu()
         corners = _normals_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
-        order = torch.argsort(corners[2].mean(1), descending=True)
+        rank = torch.argsort(torch.argsort(corners[2].mean(1), descending=True))
         spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
         tier = torch.bucketize(spread, torch.tensor([_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]))
-        place = torch.argsort(order)
         parts = []
         for index, n in enumerate(_POINTS):
             node, weight = np.polynomial.legendre.leggauss(n)
@@ -130,10 +129,10 @@ class _Points:
             angles = torch.atan2(torch.hypot(x, y), z).clamp(0, pi / 2), torch.atan2(y, x)
             weights = torch.tensor(np.outer(weight, weight).ravel() / 4).repeat(len(some))
             weights = torch.where(z > 0, weights, 0)  # a normal that faces away is dark
-            parts.append((place[some].repeat_interleave(n * n), *angles, weights))
+            parts.append((rank[some].repeat_interleave(n * n), *angles, weights))
         pixel, gamma, alpha, share = (torch.cat(part) for part in zip(*parts, strict=True))
         by_pixel = torch.argsort(pixel, stable=True)
-        return _Points(order, pixel[by_pixel], gamma[by_pixel], alpha[by_pixel], share[by_pixel])
+        return _Points(rank, pixel[by_pixel], gamma[by_pixel], alpha[by_pixel], share[by_pixel])
 
 
 def _normals_at(view: View, pixels: Tensor, at: Tensor) -> Tensor:
