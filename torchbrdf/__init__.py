@@ -7,6 +7,7 @@ import os
 # Spinning shortly costs nothing on quiet ones (docs/mitsuba.md).
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")
 
+from torchbrdf.alignment import Alignment, align
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.directional import render_directional
@@ -23,6 +24,7 @@ from torchbrdf.transport import render, render_basis
 from torchbrdf.view import NormalMapView, SphereView, View
 
 __all__ = [
+    "Alignment",
     "BRDFEstimator",
     "BasisImages",
     "Camera",
@@ -36,6 +38,7 @@ __all__ = [
     "Reconstruction",
     "SphereView",
     "View",
+    "align",
     "read_image",
     "read_mask",
     "render",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn, get_args
 
 import torchbrdf
-from torchbrdf.commands import bake, classes, demo, doctor, export, fit, live, precompute, render, verify
+from torchbrdf.commands import alignment, bake, classes, demo, doctor, export, fit, live, precompute, render, verify
 from torchbrdf.constraints import CONSTRAINTS
 from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
 from torchbrdf.probe import Layout
@@ -115,6 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     shape(added)
     added.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     estimation(added)
+    alignment.add_options(added)
     output(added, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
     added = command("live", live.run)

@@ -5,7 +5,7 @@ the light with the ring's kernel. `harmonic_kernels` holds the kernels, compress
 `light_harmonics` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import pi
@@ -59,19 +59,42 @@ class HarmonicTransport:
 
         columns  (n,)  of the library, in order; None for all
         """
-        lookup = self.lookup(view)
-        contained = [frequencies_of(coefficients) for coefficients, _ in light]
         n = self.groups[0].mixing.shape[0] if columns is None else len(columns)
-        image = torch.zeros(n, 3 * len(lookup.rank), device=self.device)
-        for group, seen in zip(self.groups, lookup.groups, strict=True):
+        image = torch.zeros(n, 3 * len(view.pixels), device=self.device)
+        for group, pixels, mixtures in self._seen(light, view):
+            mixing = group.mixing if columns is None else group.mixing[columns]
+            image[:, 3 * pixels.start : 3 * pixels.stop].addmm_(mixing, mixtures.T)
+        return self._in_place(image, view)
+
+    def blended(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
+        """(C, 3, P) float32: images of C combinations of the library's columns, for weights (n, C).
+
+        They are combined before anything is done for pixels: a fraction of the cost of `packed`.
+        """
+        blend = weights.to(self.device, torch.float32)
+        image = torch.zeros(weights.shape[1], 3 * len(view.pixels), device=self.device)
+        for _, pixels, blends in self._seen(light, view, blend):
+            image[:, 3 * pixels.start : 3 * pixels.stop] += blends.T
+        return self._in_place(image, view)
+
+    def _seen(
+        self, light: LightHarmonics, view: View, blend: Tensor | None = None
+    ) -> Iterator[tuple[Kernels, slice, Tensor]]:
+        """Every group of rings, the pixels that see it, and its mixtures (3 Q, R) there or their blends (3 Q, C)."""
+        contained = [frequencies_of(coefficients) for coefficients, _ in light]
+        for group, seen in zip(self.groups, self.lookup(view).groups, strict=True):
             if seen is None:
                 continue
-            mixing = group.mixing if columns is None else group.mixing[columns]
-            rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone]))
-            mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
-            image[:, 3 * seen.pixels.start : 3 * seen.pixels.stop].addmm_(mixing, mixtures.T)
-        sorted_images = image.view(n, -1, 3).transpose(1, 2)
-        return sorted_images.gather(2, lookup.rank.expand(n, 3, -1))
+            mixes = None if blend is None else group.mixes(blend)
+            rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes))
+            yield group, seen.pixels, embedding_bag(
+                seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights
+            )
+
+    def _in_place(self, image: Tensor, view: View) -> Tensor:
+        """(C, 3 P), pixels in order of their normals -> (C, 3, P) in the view's order."""
+        rank = self.lookup(view).rank
+        return image.view(len(image), -1, 3).transpose(1, 2).gather(2, rank.expand(len(image), 3, -1))
 
     def to(self, device: torch.device | str) -> "HarmonicTransport":
         """On another device."""

@@ -1,6 +1,7 @@
 """Basis images of one view under one probe in any orientation, by the harmonic transport [CBP21, eq. 5]."""
 
 from dataclasses import replace
+from math import radians
 
 import torch
 from torch import Tensor
@@ -8,10 +9,14 @@ from torch import Tensor
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.library import MaterialLibrary
-from torchbrdf.light_harmonics import TurningLight
+from torchbrdf.light_harmonics import LINES, LightHarmonics, TurningLight
 from torchbrdf.probe import LightProbe, checked_rotation
 from torchbrdf.ring_lookup import unsuited
+from torchbrdf.rotation_vectors import rotation_of
 from torchbrdf.view import View
+
+_STEP = radians(0.15)
+"""Of the differences that tell how an image changes as the light turns."""
 
 
 class HarmonicBasis:
@@ -20,17 +25,20 @@ class HarmonicBasis:
     library   its transport is precomputed on first use, see `transport_of`
     view      of an orthographic camera along -Z, without shadows: a `SphereView` or a `NormalMapView`
     progress  show it while the transport is precomputed
+    lines     of the light, see `TurningLight`
     Raises ValueError for another view.
     """
 
-    def __init__(self, library: MaterialLibrary, probe: LightProbe, view: View, progress: bool = False) -> None:
+    def __init__(
+        self, library: MaterialLibrary, probe: LightProbe, view: View, progress: bool = False, lines: int = LINES
+    ) -> None:
         """Open the transport of the library."""
         reason = unsuited(view)
         if reason is not None:
             raise ValueError(f'backend="harmonic" cannot render this view: {reason}; use backend="sampled"')
         self.library, self.probe, self.view = library, probe, view
         self.transport = transport_of(library, progress)
-        self._light = TurningLight(probe.to(self.transport.device))
+        self._light = TurningLight(probe.to(self.transport.device), lines)
         whole = library.materials == tuple(range(len(library.stored.names)))
         self._columns = None if whole else library.column_index.to(self.transport.device)
 
@@ -51,3 +59,32 @@ class HarmonicBasis:
             return basis
         turn = ",".join(f"{value:.9g}" for value in rotation.detach().flatten().tolist())
         return replace(basis, probe=f"{self.probe.fingerprint} turned by {turn}")
+
+    def image_at(self, weights: Tensor, rotation: Tensor | None = None) -> Tensor:
+        """(3, P): Y w under the turned probe, for weights (n, 3), without the other basis images."""
+        return self._image(self._light.harmonics(rotation), weights)
+
+    def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
+        """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
+
+        Central differences over a third of a degree, as fine as the transport resolves: the light is bilinear between
+        texels, and its derivative jumps. An image is linear in the light, so one image shows the difference of two.
+        """
+        changes = []
+        for axis in torch.eye(3, dtype=torch.float64):
+            after, before = (
+                self._light.harmonics(rotation_of(sign * _STEP * axis) @ rotation.double()) for sign in (1, -1)
+            )
+            light = [
+                ((a - b) / (2 * _STEP), (ia - ib) / (2 * _STEP))
+                for (a, ia), (b, ib) in zip(after, before, strict=True)
+            ]
+            changes.append(self._image(light, weights))
+        return torch.stack(changes)
+
+    def _image(self, light: LightHarmonics, weights: Tensor) -> Tensor:
+        if self._columns is not None:
+            whole = weights.new_zeros(len(self.transport.groups[0].mixing), 3)
+            whole[self._columns] = weights
+            weights = whole
+        return torch.diagonal(self.transport.blended(light, self.view, weights)).T

@@ -97,6 +97,11 @@ class Kernels:
     mixing: Tensor
     bands: tuple[Band, ...]
 
+    def mixes(self, blend: Tensor) -> list[tuple[Tensor, Tensor]]:
+        """How combinations of the library's columns, with weights (n, C), mix every band's even and odd kernels."""
+        combined = self.mixing.T @ blend
+        return [(band.mix_even @ combined, band.mix_odd @ combined) for band in self.bands]
+
     def to(self, device: torch.device | str) -> "Kernels":
         """On another device."""
         return replace(self, mixing=self.mixing.to(device), bands=tuple(band.to(device) for band in self.bands))

@@ -98,6 +98,7 @@ class PriorBank:
     penalties  (M, 3, L)     lambda
     mean_images (M, 3, r)    V^T R mu
     damping     (M, 3, L, r) lambda / (lambda + eigenvalue)
+    correlation see CORRELATION
     """
 
     space: ImageSpace
@@ -108,9 +109,10 @@ class PriorBank:
     penalties: Tensor
     mean_images: Tensor
     damping: Tensor
+    correlation: float = CORRELATION
 
     @classmethod
-    def of(cls, space: ImageSpace, variances: Tensor) -> "PriorBank":
+    def of(cls, space: ImageSpace, variances: Tensor, correlation: float = CORRELATION) -> "PriorBank":
         """Factor priors (M, n) in a space."""
         n = variances.shape[1]
         means = variances.sqrt()
@@ -121,7 +123,7 @@ class PriorBank:
         penalties = PENALTIES.to(values.device) * torch.where(trace > 0, trace, 1)
         mean_images = torch.einsum("msrk,srn,mn->msk", vectors, space.r, means)
         damping = penalties[..., None] / (values[..., None, :] + penalties[..., None])
-        return cls(space, variances, means, values, vectors, penalties, mean_images, damping)
+        return cls(space, variances, means, values, vectors, penalties, mean_images, damping, correlation)
 
     @cached_property
     @lasting
@@ -133,7 +135,7 @@ class PriorBank:
     def independent_pixels(self) -> float:
         """How many independent pixels say as much as those of the space."""
         pixels = self.space.scale.shape[-1]
-        return pixels / (1 + (CORRELATION - 1) * pixels / (_SPHERE * self.space.photographs))
+        return pixels / (1 + (self.correlation - 1) * pixels / (_SPHERE * self.space.photographs))
 
     @property
     def temperature(self) -> float:
@@ -142,7 +144,7 @@ class PriorBank:
 
     def masked(self, used: Tensor) -> "PriorBank":
         """The same priors in the space of some pixels only."""
-        return PriorBank.of(self.space.masked(used), self.variances)
+        return PriorBank.of(self.space.masked(used), self.variances, self.correlation)
 
     def explain(self, y: Tensor) -> "Explanation":
         """How every prior and penalty explains photographs (B, 3, P)."""

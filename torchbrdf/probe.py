@@ -19,6 +19,7 @@ from torch import Tensor
 
 from torchbrdf.images import read_image
 from torchbrdf.latlong import bilinear, fill_invalid, resize, rotate, row_solid_angles
+from torchbrdf.probe_blur import blur
 from torchbrdf.probe_layouts import angular_map_to_latlong, mirror_ball_to_latlong, pixels_in_disc
 from torchbrdf.probe_sampling import ImportanceTables, luminance
 from torchbrdf.procedural_probe import studio_room
@@ -200,6 +201,12 @@ class LightProbe:
         if not (math.isfinite(factor) and factor > 0):
             raise ValueError(f"scale of a light probe must be positive and finite, got {factor}")
         return self._derived(self._radiance * factor)
+
+    def blurred(self, degrees: float) -> LightProbe:
+        """The probe out of focus: a Gaussian with this standard deviation >= 0 along any direction; keeps energy."""
+        if not (math.isfinite(degrees) and degrees >= 0):
+            raise ValueError(f"blur of a light probe must be at least 0 degrees and finite, got {degrees}")
+        return self._derived(blur(self._radiance, math.radians(degrees))) if degrees else self
 
     def resized(self, height: int) -> LightProbe:
         """The probe with another number of rows, by means over each new texel's footprint."""

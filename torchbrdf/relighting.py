@@ -47,10 +47,7 @@ class Relighter:
         self.mask = self._view.mask
         self.transport = transport
         columns = weights.detach().float().permute(1, 0, 2).flatten(1)  # (n, 3 K)
-        self._mixes = []
-        for group in transport.groups:
-            blend = group.mixing.T @ columns
-            self._mixes.append([(band.mix_even @ blend, band.mix_odd @ blend) for band in group.bands])
+        self._mixes = [group.mixes(columns) for group in transport.groups]
         self._light = TurningLight(probe, _LINES)
         self._zones = zones()
         self._duals = [zone.ring_dual.float() for zone in self._zones]

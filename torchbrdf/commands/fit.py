@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
+from torchbrdf.commands import alignment
 from torchbrdf.commands.inputs import about, open_library, open_probe, open_view
 from torchbrdf.constraints import Constraint
 from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator, Penalty
@@ -45,6 +46,7 @@ def penalty(text: str) -> Penalty:
 
 def run(options: argparse.Namespace) -> int:
     """Recover the BRDF of a photographed ball, or another known shape: brdf.binary, weights.json, report.html."""
+    alignment.check(options)
     with writing_folder(options.output) as folder:
         size = options.size
         if options.basis is not None and size is None:
@@ -53,11 +55,20 @@ def run(options: argparse.Namespace) -> int:
         probe = open_probe(options)
         library = open_library(options)
         basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
-        fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
         settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
+        written = "brdf.binary, weights.json, fitted.exr and report.html"
+        if options.align:
+            found = alignment.aligned(options, observation, probe, view, library)
+            observation, probe, basis = alignment.divided(observation, found), found.probe, found.basis
+            alignment.write(folder, found)
+            settings["alignment"] = str(found)
+            written = f"alignment.json, aligned_probe.exr, {written}"
+        fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
         write_results(folder, fitted, probe, library, settings)
+    if options.align:
+        print(found)
     print(summary(fitted))
-    print(f"wrote {options.output}/brdf.binary, weights.json, fitted.exr and report.html")
+    print(f"wrote {options.output}/{written}")
     return 0
 
 

@@ -19,7 +19,7 @@ from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, table_values
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
 from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
-from torchbrdf.probe import LightProbe
+from torchbrdf.probe import LightProbe, checked_rotation
 from torchbrdf.view import SphereView, View
 
 SceneDict = dict[str, Any]
@@ -56,6 +56,7 @@ class MitsubaScene:
     bsdf        what the shape is made of: a table, or any Mitsuba BSDF as a dictionary
     integrator  Mitsuba's, as a dictionary; default: `direct`, light that is reflected once. `{"type": "path"}`
                 adds what the shape reflects onto itself
+    rotation    (3, 3) of the probe, as `LightProbe.rotated` takes it, but nothing is resampled; None for none
     scene       the `mitsuba.Scene`
     Raises ValueError for a view without a shape (NormalMapView).
     """
@@ -66,6 +67,7 @@ class MitsubaScene:
         probe: LightProbe,
         bsdf: MerlTable | Mapping[str, Any],
         integrator: Mapping[str, Any] | None = None,
+        rotation: Tensor | None = None,
     ) -> None:
         """Build the scene."""
         self._mi = load_mitsuba()
@@ -76,7 +78,7 @@ class MitsubaScene:
                 "type": "scene",
                 "integrator": dict(integrator or {"type": "direct"}),
                 "sensor": sensor(self._mi, view),
-                "light": light(self._mi, probe),
+                "light": light(self._mi, probe, rotation),
                 "shape": shape(self._mi, view, description),
             }
         )
@@ -111,10 +113,14 @@ class MitsubaScene:
         return HalfRenderings(*(self.render(samples // 2, 2 * seed + half) for half in range(2)))
 
 
-def light(mi: ModuleType, probe: LightProbe) -> SceneDict:
-    """The probe as an `envmap`."""
+def light(mi: ModuleType, probe: LightProbe, rotation: Tensor | None = None) -> SceneDict:
+    """The probe as an `envmap`, turned by a rotation (3, 3)."""
     pixels = probe.radiance.detach().cpu().permute(1, 2, 0).contiguous().numpy()
-    return {"type": "envmap", "bitmap": mi.Bitmap(pixels, mi.Bitmap.PixelFormat.RGB)}
+    to_world = np.eye(4)
+    if rotation is not None:
+        to_world[:3, :3] = checked_rotation(rotation).numpy()
+    bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.RGB)
+    return {"type": "envmap", "bitmap": bitmap, "to_world": mi.ScalarTransform4f(to_world)}
 
 
 def sensor(mi: ModuleType, view: View) -> SceneDict:
