@@ -7,7 +7,8 @@
 Every material is put on a sphere under every probe and rendered with light that is reflected once (`direct`).
 --measured takes the `.bsdf` files of a folder (Mitsuba's `measured`), --analytic the materials below. Each image is
 made in two halves, which tell its Monte Carlo noise; where that exceeds --noise, samples are added until it does
-not, or until --max-samples.
+not, or until --max-samples. With --turned each target has its probe turned by a random rotation, which its metadata
+hold.
 
 OUT/PROBE/MATERIAL.exr holds the radiance as rendered. Measured materials have colours outside the gamut of RGB, and
 such pixels are negative: they stay so in the file, and the metadata say how much of the image they are. A material
@@ -44,6 +45,7 @@ import torchbrdf as tb
 from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
 from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.rotation_vectors import rotation_of
 
 INTEGRATOR = {"type": "direct"}
 SAMPLES = 4096
@@ -124,6 +126,7 @@ class Quality:
     samples      a pixel, at first
     noise        relative RMS of the Monte Carlo error above which samples are added
     max_samples  a pixel, after which they are not
+    turned       degrees, at most, by which each target's probe is turned about an axis of its own
     """
 
     size: int = 64
@@ -131,6 +134,7 @@ class Quality:
     noise: float = NOISE
     max_samples: int = MAX_SAMPLES
     seed: int = 0
+    turned: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -138,6 +142,8 @@ class Quality:
             raise ValueError(
                 f"samples must be at least 2 and at most max_samples, got {self.samples} and {self.max_samples}"
             )
+        if not 0 <= self.turned <= 180:
+            raise ValueError(f"probes can be turned by 0 to 180 degrees, got {self.turned}")
         if not self.noise > 0:
             raise ValueError(f"noise must be a positive fraction such as {NOISE}, got {self.noise}")
 
@@ -157,9 +163,27 @@ def render_halves(scene: MitsubaScene, quality: Quality, seed: int) -> tuple[Hal
     return halves, done
 
 
+def turn_of(material: Material, probe_name: str, quality: Quality) -> list[list[float]] | None:
+    """The rotation of the probe: about a random axis, by an angle drawn from 0 to `quality.turned` degrees."""
+    if not quality.turned:
+        return None
+    generator = torch.Generator().manual_seed(seed_of(quality, material, probe_name, "turn"))
+    axis = torch.randn(3, generator=generator, dtype=torch.float64)
+    angle = math.radians(quality.turned) * float(torch.rand(1, generator=generator))
+    return rotation_of(angle * axis / axis.norm()).tolist()
+
+
+def seed_of(quality: Quality, material: Material, *what: str) -> int:
+    """A number that differs between whatever differs."""
+    key = " ".join((str(quality.seed), material.name, *what))
+    return int.from_bytes(hashlib.sha256(key.encode()).digest()[:6], "little")
+
+
 def asked_for(material: Material, probe_name: str, probe: tb.LightProbe, quality: Quality) -> dict[str, str]:
     """The metadata that are known before anything is rendered."""
-    return {
+    rotation = turn_of(material, probe_name, quality)
+    turned = {} if rotation is None else {"rotation": json.dumps(rotation)}
+    return turned | {
         "format": FORMAT,
         "material": material.name,
         "plugin": material.bsdf["type"],
@@ -189,10 +213,10 @@ def is_there(path: Path, asked: Mapping[str, str]) -> bool:
 
 def make_target(path: Path, material: Material, probe: tb.LightProbe, quality: Quality, asked: dict[str, str]) -> None:
     """Render a target and write it. Raises ValueError where Mitsuba cannot, or the image is black or not finite."""
-    key = f"{quality.seed} {material.name} {asked['probe']}"
-    seed = int.from_bytes(hashlib.sha256(key.encode()).digest()[:6], "little")
+    seed = seed_of(quality, material, asked["probe"])
+    rotation = torch.tensor(json.loads(asked["rotation"])) if "rotation" in asked else None
     try:
-        scene = MitsubaScene(tb.SphereView(quality.size), probe, material.bsdf, INTEGRATOR)
+        scene = MitsubaScene(tb.SphereView(quality.size), probe, material.bsdf, INTEGRATOR, rotation)
     except RuntimeError as error:
         raise ValueError(f"{material.name}: Mitsuba cannot make this BSDF: {str(error).splitlines()[-1]}") from None
     halves, samples = render_halves(scene, quality, seed)
@@ -261,7 +285,7 @@ def sheet(path: Path, targets: Sequence[Target]) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    quality = Quality(options.size, options.samples, options.noise, options.max_samples, options.seed)
+    quality = Quality(options.size, options.samples, options.noise, options.max_samples, options.seed, options.turned)
     materials = measured_materials(options.measured) if options.measured else []
     materials += analytic_materials() if options.analytic else []
     if not materials:
@@ -298,6 +322,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--noise", type=float, default=NOISE, help="add samples above this relative noise")
     parser.add_argument("--max-samples", type=int, default=MAX_SAMPLES, help="a pixel, for the noisiest targets")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--turned", type=float, default=0, metavar="DEG", help="turn each target's probe by up to this")
     parser.add_argument("--sheet", type=Path, metavar="PNG", help="write a picture of all targets")
     return exit_status("make_targets", run, parser.parse_args(argv), RESUMABLE)
 
