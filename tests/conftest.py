@@ -6,8 +6,8 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from math import pi
+from collections.abc import Iterator, Sequence
+from math import asin, degrees, pi, radians, sqrt
 from pathlib import Path
 from types import ModuleType
 
@@ -18,8 +18,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
+from torchbrdf.probe import LightProbe
+from torchbrdf.transport import render_tables
+from torchbrdf.view import SphereView
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = ROOT / "scripts"
@@ -73,6 +77,19 @@ def glossy(albedo: tuple[float, ...], specular: tuple[float, ...], alpha: float)
     return f_r
 
 
+def turn_about(axis: Sequence[float], angle: float) -> Tensor:
+    """(3, 3) float64: the rotation about an axis by degrees, as the exponential of what generates it."""
+    x, y, z = torch.nn.functional.normalize(torch.tensor(axis, dtype=torch.float64), dim=0).tolist()
+    generator = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
+    return torch.linalg.matrix_exp(radians(angle) * generator)
+
+
+def degrees_between(one: Tensor, other: Tensor) -> float:
+    """The angle of the turn from one rotation to another: |R - Q| = 2 sqrt(2) sin(angle / 2)."""
+    distance = float(torch.linalg.matrix_norm(one.double() - other.double()))
+    return degrees(2 * asin(min(1.0, distance / sqrt(8))))
+
+
 TINY_MATERIALS = {
     "white": lambert(0.8, 0.8, 0.75),
     "red": lambert(0.6, 0.1, 0.05),
@@ -85,6 +102,15 @@ TINY_MATERIALS = {
     "steel-0.15": glossy((0.005, 0.005, 0.006), (0.5, 0.55, 0.6), 0.15),
     "copper-0.08": glossy((0.0, 0.0, 0.0), (0.8, 0.4, 0.25), 0.08),
 }
+
+
+STRANGERS = {
+    "paint": glossy((0.3, 0.08, 0.05), (0.06, 0.06, 0.06), 0.14),
+    "brass": glossy((0.0, 0.0, 0.0), (0.7, 0.55, 0.25), 0.12),
+    "satin": glossy((0.2, 0.25, 0.1), (0.2, 0.2, 0.2), 0.25),
+    "clay": lambert(0.5, 0.4, 0.3),
+}
+"""Materials that no library of the tests holds."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -161,6 +187,36 @@ def tiny_library(tiny_tables: dict[str, MerlTable]) -> MaterialLibrary:
 def default_library(own_cache: Path) -> MaterialLibrary:
     """The embedded library; its expansion takes many seconds and happens once a session."""
     return MaterialLibrary.default(progress=False)
+
+
+@pytest.fixture(scope="session")
+def precomputed_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight `.binary` files, from matte to nearly a mirror, for tests of the harmonic transport only."""
+    folder = tmp_path_factory.mktemp("precomputed")
+    for name in ("white", "red", "teal", "satin-0.35", "plastic-0.1", "gold-0.3", "steel-0.15", "copper-0.08"):
+        tiny_tables[name].save(folder / f"{name}.binary")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def precomputed_library(own_cache: Path, precomputed_directory: Path) -> MaterialLibrary:
+    """Their library. It lives in the cache, so that its transport is computed once in a whole run, in 15 s."""
+    library = MaterialLibrary.from_merl(precomputed_directory, progress=False)
+    transport_of(library)
+    return library
+
+
+@pytest.fixture(scope="session")
+def strangers() -> dict[str, MerlTable]:
+    """The tables of STRANGERS."""
+    return {name: MerlTable.from_function(f_r, name) for name, f_r in STRANGERS.items()}
+
+
+@pytest.fixture(scope="session")
+def photographs(strangers: dict[str, MerlTable]) -> dict[str, Tensor]:
+    """(3, 48, 48) spheres of STRANGERS under `LightProbe.default(64)`, by the sampled transport: 0.5 % noise."""
+    images = render_tables(list(strangers.values()), LightProbe.default(64), SphereView(48), samples=1024, seed=3)
+    return dict(zip(strangers, images, strict=True))
 
 
 @pytest.fixture(scope="session")

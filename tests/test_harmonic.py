@@ -281,6 +281,122 @@ class TestGradients:
         assert float(angle.grad) == pytest.approx(float(sides[1] - sides[0]) / 0.1, rel=0.01)
 
 
+def random_weights(library: MaterialLibrary) -> Tensor:
+    return torch.randn(library.n, 3, generator=torch.Generator().manual_seed(7))
+
+
+def combined(basis: BasisImages, weights: Tensor) -> Tensor:
+    """(3, P): Y w, each channel with its own weights."""
+    return torch.einsum("nc,ncp->cp", weights, basis.packed)
+
+
+class TestBlends:
+    """Combinations of columns that are made before there are pixels."""
+
+    @pytest.mark.parametrize("names", [None, ["copper-0.08", "matte"], ["swirl", "counter", "copper-0.08", "matte"]])
+    @pytest.mark.parametrize("degrees", [None, (0.0, 0.0, 37.0), (25.0, -70.0, 110.0)])
+    def test_image_at(
+        self, library: MaterialLibrary, names: list[str] | None, degrees: tuple[float, ...] | None
+    ) -> None:
+        """All columns, some of them, some in another order; as it is, about the view axis, about any."""
+        some = library if names is None else library.subset(names)
+        basis, rotation = HarmonicBasis(some, lamps(64), SPHERE), None if degrees is None else turn(*degrees)
+        weights = random_weights(some)
+        expected = combined(basis.basis_at(rotation), weights)
+        found = basis.image_at(weights, rotation)
+        assert found.shape == (3, len(SPHERE.pixels))
+        assert relative(found, expected) < 1e-5
+        assert relative(basis.image_at(weights.double(), rotation), expected) < 1e-5
+
+    def test_image_at_of_another_shape(self, library: MaterialLibrary) -> None:
+        basis, weights = HarmonicBasis(library, lamps(64), waves()), random_weights(library)
+        assert relative(basis.image_at(weights), combined(basis.basis_at(), weights)) < 1e-5
+
+    def test_blended(self, library: MaterialLibrary) -> None:
+        """Any number of combinations, each under all channels of the light."""
+        basis = HarmonicBasis(library, lamps(64), waves())
+        for count in (1, 5):
+            weights = torch.randn(library.n, count, generator=torch.Generator().manual_seed(count))
+            found = basis.transport.blended(basis._light.harmonics(), basis.view, weights)
+            expected = torch.einsum("nk,ncp->kcp", weights, basis.basis_at().packed)
+            assert found.shape == expected.shape
+            assert relative(found, expected) < 1e-5
+
+    def test_gradient_of_the_weights(self, library: MaterialLibrary) -> None:
+        """Of all columns and of some: what each adds to the image."""
+        for some in (library, library.without("swirl")):
+            basis, rotation = HarmonicBasis(some, lamps(64), SPHERE), turn(25, -70, 110)
+            weights = random_weights(some).requires_grad_()
+            field = torch.randn(3, len(SPHERE.pixels), generator=torch.Generator().manual_seed(8))
+            (basis.image_at(weights, rotation) * field).sum().backward()
+            assert weights.grad is not None
+            expected = torch.einsum("ncp,cp->nc", basis.basis_at(rotation).packed, field)
+            assert relative(weights.grad, expected) < 1e-4
+
+
+class TestChanges:
+    """How an image changes as the light turns on, after what has turned it already."""
+
+    SMOOTH = probe_of(lambda d: 1 + 0.7 * d[..., 0] + 0.4 * d[..., 1] * d[..., 2] - 0.3 * d[..., 1])
+    AFTER = turn(25.0, -70.0, 110.0)
+
+    def turned_on(self, axis: int, degrees: float) -> Tensor:
+        angles = [0.0, 0.0, 0.0]
+        angles[axis] = degrees
+        return turn(*angles) @ self.AFTER
+
+    @pytest.mark.parametrize("names", [None, ["copper-0.08", "matte"]])
+    def test_as_differences(self, library: MaterialLibrary, names: list[str] | None) -> None:
+        """Per radian about +X, +Y and +Z, against two whole images."""
+        some = library if names is None else library.subset(names)
+        basis, weights = HarmonicBasis(some, self.SMOOTH, SPHERE), random_weights(some)
+        found = basis.change_at(weights, self.AFTER)
+        assert found.shape == (3, 3, len(SPHERE.pixels))
+        for axis in range(3):
+            after, before = (basis.image_at(weights, self.turned_on(axis, degrees)) for degrees in (2, -2))
+            assert relative(found[axis], (after - before) / math.radians(4)) < 0.01
+
+    def test_under_lamps(self, library: MaterialLibrary) -> None:
+        """Edges of light on a material close to a mirror: over as small a turn as `change_at` takes itself."""
+        basis = HarmonicBasis(library, lamps(64), SPHERE)
+        weights = torch.zeros(library.n, 3)
+        weights[3 * library.names.index("copper-0.08") :][:3] = torch.eye(3)
+        found = basis.change_at(weights, self.AFTER.double())
+        for axis in range(3):
+            after, before = (basis.image_at(weights, self.turned_on(axis, degrees)) for degrees in (0.2, -0.2))
+            assert relative(found[axis], (after - before) / math.radians(0.4)) < 0.03
+
+    def test_as_gradients(self, library: MaterialLibrary) -> None:
+        """Against automatic differentiation of a turn by a vector."""
+        basis, weights = HarmonicBasis(library, self.SMOOTH, SPHERE), random_weights(library)
+        field = torch.randn(3, len(SPHERE.pixels), generator=torch.Generator().manual_seed(9))
+        vector = torch.zeros(3, requires_grad=True)
+        zero = torch.zeros(())
+        x, y, z = vector
+        generator = torch.stack([torch.stack(row) for row in ([zero, -z, y], [z, zero, -x], [-y, x, zero])])
+        rotation = (torch.eye(3) + generator) @ self.AFTER
+        (basis.image_at(weights, rotation) * field).sum().backward()
+        found = (basis.change_at(weights, self.AFTER) * field).sum((1, 2))
+        assert vector.grad is not None
+        assert float((found - vector.grad).norm()) < 0.02 * float(vector.grad.norm())
+
+    def test_uniform_light_never_changes(self, library: MaterialLibrary) -> None:
+        basis, weights = HarmonicBasis(library, LightProbe(torch.ones(3, 8, 16)), SPHERE), random_weights(library)
+        image = basis.image_at(weights)
+        assert float(basis.change_at(weights, self.AFTER).abs().max()) < 1e-3 * float(image.abs().max())
+
+    def test_a_turn_about_the_view_turns_the_image(self, library: MaterialLibrary) -> None:
+        """Light that the right half shows wanders up: the image grows on top, shrinks below."""
+        probe = probe_of(lambda d: 1 + d[..., 0])
+        basis, weights = HarmonicBasis(library, probe, SPHERE), torch.zeros(library.n, 3)
+        weights[:3] = torch.eye(3)
+        about_z = SPHERE.unpack(basis.change_at(weights, torch.eye(3))[2])
+        slope = torch.tensor(ALBEDO)[:, None, None] * 2 / 3
+        height = 1 - (torch.arange(16) + 0.5)[:, None] / 8
+        inside = SPHERE.mask.expand(3, -1, -1)
+        torch.testing.assert_close(about_z[inside], (slope * height).expand(3, 16, 16)[inside], rtol=0, atol=0.01)
+
+
 class Tilted(SphereView):
     """A camera that looks along another axis."""
 

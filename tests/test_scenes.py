@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from conftest import lambert
+from conftest import lambert, turn_about
 
 import torchbrdf as tb
 from torchbrdf.merl import MerlTable
@@ -139,3 +139,44 @@ def test_too_few_samples(probe, grey, samples):
         scene.render(samples)
     with pytest.raises(ValueError, match=rf"^two halves need at least 2 samples a pixel, got {samples}$"):
         scene.render_halves(samples)
+
+
+@pytest.mark.parametrize("columns", [3, -8, 16])
+def test_a_light_turned_by_whole_texels(probe, tiny_tables, columns):
+    """About +Y it is the rotated probe, whose radiance is the same at every texel."""
+    view, table = SphereView(8), tiny_tables["steel-0.15"]
+    rotation = turn_about((0, 1, 0), -columns * 360 / 32)
+    turned = MitsubaScene(view, probe, table, rotation=rotation).render_halves(16384)
+    expected = MitsubaScene(view, probe.rotated(rotation), table).render_halves(16384, seed=7)
+    noise = (turned.noise**2 + expected.noise**2) ** 0.5
+    assert noise < 0.03
+    assert (turned.image - expected.image).norm() / expected.image.norm() < 1.4 * noise
+    for others in (0, -columns, columns + 1):
+        elsewhere = MitsubaScene(view, LightProbe(probe.radiance.roll(others, -1)), table).render(4096)
+        if (others - columns) % 32:
+            assert (turned.image - elsewhere).norm() / elsewhere.norm() > 4 * noise
+
+
+@pytest.mark.parametrize(("axis", "degrees"), [((1, 0, 0), 50), ((0, 0, 1), -75), ((1, -2, 1.5), 130)])
+def test_a_light_turned_about_any_axis(tiny_tables, axis, degrees):
+    """As `LightProbe.rotated` and our own transport show it; the rotation the other way round is another picture."""
+    view, table, room = SphereView(8), tiny_tables["gold-0.3"], LightProbe.default(32)
+    rotation = turn_about(axis, degrees)
+    turned = MitsubaScene(view, room, table, rotation=rotation).render_halves(8192)
+    ours = tb.render(table, room.rotated(rotation), view, samples=2048)
+    assert (turned.image - ours).norm() / ours.norm() < 0.03
+    other = tb.render(table, room.rotated(rotation.T), view, samples=256)
+    assert (turned.image - other).norm() / ours.norm() > 0.2
+
+
+def test_a_light_that_is_not_turned(probe, grey):
+    view = SphereView(6)
+    plain = MitsubaScene(view, probe, grey).render(32)
+    for rotation in (None, torch.eye(3), torch.eye(3, dtype=torch.float64)):
+        torch.testing.assert_close(MitsubaScene(view, probe, grey, rotation=rotation).render(32), plain)
+
+
+def test_a_light_turned_by_what_is_no_rotation(probe, grey):
+    message = r"^rotation must be orthonormal with determinant \+1, got determinant -1 and [^\n]*$"
+    with pytest.raises(ValueError, match=message):
+        MitsubaScene(SphereView(6), probe, grey, rotation=torch.diag(torch.tensor([1.0, 1.0, -1.0])))

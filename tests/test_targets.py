@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import torch
-from conftest import load_script
+from conftest import degrees_between, load_script
 
 import torchbrdf as tb
 from torchbrdf.images import read_metadata, write_image
@@ -228,6 +228,106 @@ def test_resumption_skips_what_is_there(
     assert run_make(folder, probe_files, *same, "--seed", "1") == 0
     assert len(made) == 9
     assert not torch.equal(targets_module.Target.open(folder / lost).image, before.image)
+
+
+# Turned probes
+
+TURNED = ["--turned", "40", "--samples", "1024", "--max-samples", "1024"]
+
+
+def rotation_of(target) -> torch.Tensor:
+    """What the metadata say, checked to be a rotation."""
+    rotation = torch.tensor(json.loads(target.metadata["rotation"]), dtype=torch.float64)
+    torch.testing.assert_close(rotation @ rotation.T, torch.eye(3, dtype=torch.float64))
+    assert torch.linalg.det(rotation) > 0
+    return rotation
+
+
+@pytest.fixture(scope="module")
+def turned(mitsuba: ModuleType, probe_files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("turned")
+    assert run_make(folder, probe_files, *TURNED) == 0
+    return folder
+
+
+def test_probes_are_turned_by_no_more_than_asked(turned: Path) -> None:
+    """Each by another angle, about another axis."""
+    rotations = [rotation_of(target) for target in targets_module.read_targets(turned)]
+    angles = torch.tensor([degrees_between(rotation, torch.eye(3)) for rotation in rotations])
+    assert len(angles) == 9
+    assert 0 < float(angles.min()) < 20 < float(angles.max()) <= 40
+    assert len({round(float(angle), 6) for angle in angles}) == 9
+    axes = torch.stack([rotation - rotation.T for rotation in rotations])[:, [2, 0, 1], [1, 2, 0]]
+    axes = torch.nn.functional.normalize(axes, dim=1)
+    assert float((axes @ axes.T - 2 * torch.eye(9)).max()) < 0.999
+    assert bool((axes > 0).any(0).all())
+    assert bool((axes < 0).any(0).all())
+
+
+def test_a_turned_target_shows_its_rotation(
+    turned: Path, analytic: Path, probes: dict[str, tb.LightProbe], mitsuba: ModuleType
+) -> None:
+    """The fingerprint is that of the probe as it is; the picture is that under the turned one."""
+    path = Path("noise/copper-blasted.exr")
+    target, straight = (targets_module.Target.open(folder / path) for folder in (turned, analytic))
+    assert target.probe_fingerprint == straight.probe_fingerprint
+    assert "rotation" not in straight.metadata
+    bsdf = make_targets.ANALYTIC["copper-blasted"]
+    scene = MitsubaScene(tb.SphereView(SIZE), probes["noise"], bsdf, rotation=rotation_of(target))
+    expected = scene.render(16384, seed=3)
+    error = float((target.image - expected).norm() / expected.norm())
+    assert error < 1.5 * target.noise
+    assert float((straight.image - expected).norm() / expected.norm()) > 2 * error
+
+
+def test_turned_targets_are_resumed(
+    turned: Path, probe_files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same rotations again; other ones are made where another angle, another seed or no turn is asked for."""
+    folder = tmp_path / "targets"
+    shutil.copytree(turned, folder)
+    made: list[Path] = []
+    original = make_targets.make_target
+
+    def counted(path: Path, *others: object) -> None:
+        made.append(path.relative_to(folder))
+        original(path, *others)
+
+    monkeypatch.setattr(make_targets, "make_target", counted)
+    lost = Path("room/white-plaster.exr")
+    before = targets_module.Target.open(folder / lost)
+    (folder / lost).unlink()
+    assert run_make(folder, probe_files, *TURNED) == 0
+    assert made == [lost]
+    again = targets_module.Target.open(folder / lost)
+    assert torch.equal(again.image, before.image)
+    assert torch.equal(rotation_of(again), rotation_of(before))
+
+    for options in (["--turned", "5"], ["--turned", "5", "--seed", "1"]):
+        made.clear()
+        assert run_make(folder, probe_files[:1], *TURNED, *options) == 0
+        assert len(made) == 3
+    assert not torch.equal(rotation_of(targets_module.Target.open(folder / lost)), rotation_of(before))
+
+
+def test_targets_that_are_not_turned_are_not_those_turned_before(
+    turned: Path, probe_files: list[Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "targets"
+    shutil.copytree(turned, folder)
+    assert run_make(folder, probe_files[:1], *TURNED[2:]) == 0
+    for path in (folder / "room").iterdir():
+        assert "rotation" not in targets_module.Target.open(path).metadata
+
+
+@pytest.mark.parametrize("angle", ["-1", "181", "nan"])
+def test_bad_turns(probe_files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], angle: str) -> None:
+    assert run_make(tmp_path, probe_files, "--turned", angle) == 2
+    message = f"make_targets: error: probes can be turned by 0 to 180 degrees, got {float(angle)}\n"
+    assert capsys.readouterr().err == message
+
+
+# Interruptions and files that are none
 
 
 def test_an_interrupted_run_leaves_whole_files_only(
