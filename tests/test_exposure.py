@@ -56,7 +56,7 @@ def test_albedos_in_doubt(factor: float, white_balance: bool) -> None:
 
 def test_doubling_the_photograph() -> None:
     """Doubles the factor up to the pull of the prior, a stop wide, again and again, and leaves the uncertainty."""
-    assert EXPECTED == log(2)
+    assert log(2) == EXPECTED
     space = space_of((0, 0.3), (0, 0.5), (1, 0.2))
     found = [exposure_of(photograph(0.4 * 2.0**k), space, False) for k in range(-3, 4)]
     levels = torch.stack([one.factors for one in found])

@@ -11,7 +11,8 @@ from torchbrdf import rotation_search
 from torchbrdf.harmonic_basis import HarmonicBasis
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.probe import LightProbe
-from torchbrdf.rotation_search import RotationSearch
+from torchbrdf.rotation_search import RotationSearch, Trial
+from torchbrdf.rotation_vectors import rotation_vector
 from torchbrdf.view import SphereView
 
 AXES = torch.eye(3, dtype=torch.float64)
@@ -78,6 +79,9 @@ def test_pixels_not_used_do_not_count(room: HarmonicBasis, photographs: dict[str
     assert evidence[0] == evidence[1]
     whole = RotationSearch(room, y, ALL, EXPECTED).trial(turned(AXES[0], 2)).log_evidence
     assert whole != evidence[0]
+    right = RotationSearch(room, y[..., used], used, EXPECTED).trial(AXES)
+    image = torch.einsum("cn,ncp->cp", right.explanation.mean[0], right.basis.packed.double())
+    assert float((image - y[0])[:, used].norm() / y[0, :, used].norm()) < 0.02
 
 
 @pytest.mark.parametrize("material", ["paint", "brass", "satin", "clay"])
@@ -152,17 +156,45 @@ def test_out_of_steps(searches: dict[str, RotationSearch], monkeypatch: pytest.M
 
 
 def test_what_is_expected_holds_it_back(room: HarmonicBasis, photographs: dict[str, Tensor]) -> None:
-    """Sure that the light is hardly turned, the posterior is at the balance of the prior and the evidence."""
-    start = turned(AXES[1], 3)
-    found = {}
-    for expected in (5.0, 0.05):
-        one = search(room, photographs["clay"], radians(expected))
-        found[expected] = one.climb(one.trial(start))
-    assert degrees_between(found[5.0].trial.rotation, start) > 2.7
-    turn = degrees_between(found[0.05].trial.rotation, start)
-    assert 0.005 < turn < 0.3
-    spread = torch.linalg.inv(found[0.05].precision).diagonal().sqrt().rad2deg()
-    assert float(spread.max()) <= 0.05
+    """Sure that the light is hardly turned, it ends where the pulls of the prior and of the evidence are equal."""
+    start, expected = turned(torch.tensor([1.0, 2.0, -0.5]), 3), radians(0.4)
+    one = search(room, photographs["clay"], expected)
+    summit = one.climb(one.trial(start))
+    turn = rotation_vector(summit.trial.rotation @ start.T)
+    assert 0.2 < degrees(float(turn.norm())) < 2.5
+    step = radians(0.1)
+    pull = [
+        one.trial(turned(axis, 0.1) @ summit.trial.rotation).log_evidence
+        - one.trial(turned(axis, -0.1) @ summit.trial.rotation).log_evidence
+        for axis in AXES
+    ]
+    evidence = torch.tensor(pull, dtype=torch.float64) / (2 * step)
+    assert float((evidence - turn / expected**2).norm()) < 0.1 * float(evidence.norm())
+    spread = torch.linalg.inv(summit.precision).diagonal().sqrt()
+    assert float(spread.max()) < expected
+
+
+def test_far_from_no_turn(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
+    """A step turns what has been turned already: about the world's axes, not about the probe's."""
+    truth = turn_about((1, 1, 0.3), 120)
+    light = HarmonicBasis(precomputed_library, LightProbe.default(64).rotated(truth.T), VIEW)
+    one = search(light, photographs["satin"])
+    summit = one.climb(one.trial(turned(torch.tensor([2.0, -1.0, 1.0]), 5) @ truth))
+    assert degrees_between(summit.trial.rotation, truth) < 0.2
+    assert one.evaluations < 7
+
+
+def test_never_ends_lower(searches: dict[str, RotationSearch], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even where the slope points the wrong way."""
+    slope = RotationSearch._slope
+
+    def wrong(task: RotationSearch, trial: Trial) -> tuple[Tensor, Tensor]:
+        gradient, precision = slope(task, trial)
+        return -gradient, precision
+
+    monkeypatch.setattr(RotationSearch, "_slope", wrong)
+    start = searches["clay"].trial(turned(AXES[2], 2))
+    assert searches["clay"].climb(start).trial is start
 
 
 def test_what_the_light_does_not_tell(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:

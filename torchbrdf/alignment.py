@@ -5,6 +5,7 @@ A probe captured beside the object is never turned exactly as the object saw it,
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from math import degrees, log, radians
 from typing import Literal, get_args
@@ -20,6 +21,7 @@ from torchbrdf.observation import check_observation
 from torchbrdf.packing import Frames
 from torchbrdf.prior_bank import farthest_points, image_angles
 from torchbrdf.probe import LightProbe, checked_rotation
+from torchbrdf.ring_lookup import unsuited
 from torchbrdf.rotation_search import RotationSearch, Summit, Trial
 from torchbrdf.rotation_vectors import rotation_of, rotation_vector
 from torchbrdf.view import View
@@ -35,9 +37,15 @@ CONFIDENT = radians(1)
 CLEAR = log(10)
 """Log odds above which a probe is turned."""
 
+_PREFERRED = 1.0
+"""Log evidence by which a turn is better for `covariance` to tell of it."""
+
 _TURNS = 24
+"""Rotations about the vertical axis that the full search compares."""
+
 _FOLLOWED = 2
-"""Rotations about the vertical axis that the full search compares, and how many of them are climbed from."""
+_RIVAL = 10.0
+"""How many of them are climbed from, and by how much log evidence one may be behind the best."""
 
 _COARSE_COLUMNS = 24
 _COARSE_LINES = 288
@@ -57,9 +65,10 @@ class Alignment:
 
     rotation      (3, 3) float64: radiance that came from d now comes from R d. That of the start where no other is
                   clearly better: see log_odds
-    probe         the probe, blurred and turned
-    basis         basis images under it, for `BRDFEstimator`: made by turning directions, sharper than from `probe`
-    covariance    (3, 3) float64, radians^2, of a further turn about +X, +Y and +Z: what the photograph leaves open
+    source        the probe as it was given, blurred where that was found
+    basis         basis images under `probe`, for `BRDFEstimator`: made by turning directions, sharper than from `probe`
+    covariance    (3, 3) float64, radians^2, of a further turn about +X, +Y and +Z: what the photograph leaves open, and
+                  the turn that it would prefer where that is not clearly better
     log_odds      natural logarithm of the odds that the probe had to be turned rather than was right at the start
     blur          degrees, standard deviation of the blur of the probe; 0 without
     exposure      what the photograph has to be divided by; None unless asked for
@@ -68,7 +77,7 @@ class Alignment:
     """
 
     rotation: Tensor
-    probe: LightProbe
+    source: LightProbe
     basis: BasisImages
     covariance: Tensor
     log_odds: float
@@ -76,6 +85,11 @@ class Alignment:
     exposure: Exposure | None
     converged: bool
     evaluations: int
+
+    @cached_property
+    def probe(self) -> LightProbe:
+        """The probe turned, and blurred where that was found; resampled, which takes a second."""
+        return self.source.rotated(self.rotation)
 
     @property
     def angle(self) -> float:
@@ -139,6 +153,9 @@ def align(
     y, used, batch = check_observation(image, mask, Frames((view.mask,)), False)
     if batch:
         raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
+    reason = unsuited(view)
+    if reason is not None:
+        raise ValueError(f"align needs an orthographic camera and a shape without shadows: {reason}")
     light = HarmonicBasis(library, probe, view, progress)
     y = y[..., used[0]].to(light.transport.device, torch.float64)
     task = RotationSearch(light, y, used[0], EXPECTED)
@@ -151,12 +168,14 @@ def align(
     sigma = 0.0
     if blur:
         best, sigma, summit = _blurred(task, best, summit, turned)
-    lit = probe.blurred(sigma) if sigma else probe
+    away = rotation_vector(summit.trial.rotation @ best.rotation.T)
+    if summit.trial.log_evidence - believed.log_evidence < _PREFERRED:
+        away = torch.zeros(3, dtype=torch.float64)
     return Alignment(
         rotation=best.rotation,
-        probe=lit.rotated(best.rotation),
+        source=probe.blurred(sigma),
         basis=best.basis,
-        covariance=torch.linalg.inv(summit.precision),
+        covariance=torch.linalg.inv(summit.precision) + torch.outer(away, away),
         log_odds=log_odds,
         blur=sigma,
         exposure=exposure_of(y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
@@ -183,6 +202,7 @@ def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]
     turns = [step @ believed.rotation for step in steps]
     evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns])
     peak = (evidence >= evidence.roll(1)) & (evidence >= evidence.roll(-1))
+    peak &= evidence > evidence.max() - _RIVAL
     followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()
     task.evaluations += coarse.evaluations
     return [task.trial(turns[k]) for k in followed]
@@ -208,10 +228,10 @@ def _blurred(task: RotationSearch, best: Trial, summit: Summit, turned: bool) ->
         evidence((known[at] + known[min(at + 1, len(known) - 1)]) / 2)
     sigma = max(tried, key=evidence)
     if evidence(sigma) - evidence(0.0) < _WORTH_A_BLUR:
-        return best, 0.0, summit
-    sharp, trial = tried[sigma]
-    if turned:
-        summit = sharp.climb(trial)
+        sigma = 0.0
+    blurred, trial = tried[sigma]
+    if sigma and turned:
+        summit = blurred.climb(trial)
         trial = summit.trial
     task.evaluations += sum(one.evaluations for one, _ in tried.values() if one is not task)
     return trial, sigma, summit

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.alignment import Alignment, Range, align
+from torchbrdf.basis_images import BasisImages
 from torchbrdf.files import writing
 from torchbrdf.images import write_image
 from torchbrdf.library import MaterialLibrary
@@ -61,6 +62,11 @@ def divided(observation: Observation, found: Alignment) -> Observation:
     if found.exposure is None:
         return observation
     return replace(observation, image=observation.image / found.exposure.factors.to(observation.image)[:, None, None])
+
+
+def basis_of(found: Alignment) -> BasisImages:
+    """The basis images, said to be of the aligned probe that is written beside them."""
+    return replace(found.basis, probe=found.probe.fingerprint)
 
 
 def write(folder: Path, found: Alignment) -> None:

@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
         written = "brdf.binary, weights.json, fitted.exr and report.html"
         if options.align:
             found = alignment.aligned(options, observation, probe, view, library)
-            observation, probe, basis = alignment.divided(observation, found), found.probe, found.basis
+            observation, probe = alignment.divided(observation, found), found.probe
+            basis = alignment.basis_of(found)
             alignment.write(folder, found)
             settings["alignment"] = str(found)
             written = f"alignment.json, aligned_probe.exr, {written}"
