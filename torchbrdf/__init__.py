@@ -47,4 +47,4 @@ __all__ = [
     "write_image",
 ]
 
-__version__ = "0.4.0"
+__version__ = "0.5.0"
