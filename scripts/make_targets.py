@@ -208,7 +208,7 @@ def is_there(path: Path, asked: Mapping[str, str]) -> bool:
         found = read_metadata(path)
     except ValueError:
         return False
-    return all(found.get(key) == value for key, value in asked.items())
+    return all(found.get(key) == asked.get(key) for key in {"rotation", *asked})
 
 
 def make_target(path: Path, material: Material, probe: tb.LightProbe, quality: Quality, asked: dict[str, str]) -> None:

@@ -53,8 +53,10 @@ def exposure_of(y: Tensor, space: ImageSpace, white_balance: bool) -> Exposure:
     scale = torch.where(lit, aligned / size, 1).log()
     if not white_balance:
         alike, scale = alike.reshape(1, -1), scale.reshape(1, -1)
-    total = alike.sum(1, keepdim=True).clamp_min(1e-12)
+    total = alike.sum(1, keepdim=True)
+    told, total = total > 0, total.clamp_min(1e-12)
     mean = (alike * scale).sum(1, keepdim=True) / total
     variance = (alike * (scale - mean) ** 2).sum(1, keepdim=True) / total
-    said = EXPECTED**2 / (EXPECTED**2 + variance)
-    return Exposure((said * mean).exp().expand(3, 1)[:, 0], (said * variance).sqrt().expand(3, 1)[:, 0])
+    said = torch.where(told, EXPECTED**2 / (EXPECTED**2 + variance), 0)
+    std = torch.where(told, (said * variance).sqrt(), EXPECTED)
+    return Exposure((said * mean).exp().expand(3, 1)[:, 0], std.expand(3, 1)[:, 0])

@@ -16,6 +16,7 @@ from torch.nn.functional import embedding_bag
 
 from torchbrdf.harmonic_grid import zones
 from torchbrdf.harmonic_kernels import Kernels
+from torchbrdf.image_space import lasting
 from torchbrdf.light_harmonics import LightHarmonics
 from torchbrdf.ring_lookup import RingLookup
 from torchbrdf.view import View
@@ -35,6 +36,7 @@ class HarmonicTransport:
         """Size."""
         return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings)"
 
+    @lasting
     def lookup(self, view: View) -> RingLookup:
         """How the view's pixels see the rings; remembered for the last few views."""
         key = view.fingerprint
@@ -150,6 +152,7 @@ def _rings(group: Kernels, series: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=64)
+@lasting
 def _quarter_series(n_frequencies: int, places: int, device: str) -> tuple[Tensor, ...]:
     """(A / 4, M / 2) each: cosines of even and of odd frequencies, then minus the sines, at a quarter of the places.
 

@@ -23,6 +23,7 @@ from torchbrdf.files import cache_folder, writing
 from torchbrdf.harmonic import HarmonicTransport
 from torchbrdf.harmonic_grid import settings, zones
 from torchbrdf.harmonic_kernels import Band, Kernels, column_norms, compute_group, kernel_settings
+from torchbrdf.image_space import lasting
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.library_cache import StoredColumns
 
@@ -37,6 +38,7 @@ _in_memory: dict[str, HarmonicTransport] = {}
 _REMEMBERED = 2
 
 
+@lasting
 def transport_of(library: MaterialLibrary, progress: bool = False) -> HarmonicTransport:
     """The harmonic transport of all stored columns of a library, computed on first use: under a minute for 300.
 

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from torchbrdf.harmonic_grid import Zone, zones
+from torchbrdf.image_space import lasting
 from torchbrdf.latlong import texel_coordinates
 from torchbrdf.probe import LightProbe
 
@@ -102,6 +103,7 @@ def _turn_about_view(rotation: Tensor) -> float | None:
 
 
 @lru_cache(maxsize=2)
+@lasting
 def _polar_directions(lines: int) -> Tensor:
     """(lines, 2 lines, 3) float32: directions with polar angle beta to +Z and azimuth from +X towards +Y."""
     beta = ((torch.arange(lines, dtype=torch.float64) + 0.5) * (pi / lines))[:, None]
@@ -119,11 +121,13 @@ def _places_of(directions: Tensor, height: int) -> Tensor:
 
 
 @lru_cache(maxsize=4)
+@lasting
 def _places(height: int, lines: int, device: str) -> Tensor:
     return _places_of(_polar_directions(lines), height).to(device)
 
 
 @lru_cache(maxsize=8)
+@lasting
 def _blur(height: int, device: str) -> Tensor:
     """(N, H + 1): the transform of the blur along the N rows next to a pole where texels are narrower than it.
 
@@ -138,5 +142,6 @@ def _blur(height: int, device: str) -> Tensor:
 
 
 @lru_cache(maxsize=16)
+@lasting
 def _projection(zone: Zone, lines: int, device: str) -> Tensor:
     return zone.light_projection(lines).to(device)

@@ -44,4 +44,4 @@ def blur(radiance: Tensor, sigma: float) -> Tensor:
         for _ in range(_STEPS):
             series = solve_banded((1, 1), bands, area[:, None] * series, check_finite=False)
         spectrum[..., m] = series.T
-    return torch.from_numpy(np.fft.irfft(spectrum, n=width)).to(radiance)
+    return torch.from_numpy(np.fft.irfft(spectrum, n=width).clip(min=0)).to(radiance)  # below is rounding

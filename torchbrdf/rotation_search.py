@@ -20,8 +20,12 @@ from torchbrdf.probe import LightProbe
 from torchbrdf.rotation_vectors import rotation_of, rotation_vector
 
 DOUBT = 100.0
-"""What the evidence of rotations is divided by. Every pixel counts in it, but what no material of the library explains
-is the same in neighbouring pixels and changes as the light turns (docs/alignment.md)."""
+"""What the evidence of rotations is divided by for a sphere of 64 x 64 pixels; fewer pixels lie farther apart, and say
+more each. Every pixel counts in it, but what no material of the library explains is the same in neighbouring pixels and
+changes as the light turns (docs/alignment.md)."""
+
+_SPHERE = 3080
+"""The pixels of that sphere."""
 
 _LONGEST_STEP = radians(8)
 _SMALLEST_STEP = radians(0.01)
@@ -37,7 +41,7 @@ class Trial:
     rotation      (3, 3) float64
     basis         under the turned light
     explanation   of the photograph, by all priors
-    log_evidence  of all priors together, divided by DOUBT
+    log_evidence  of all priors together, divided as DOUBT says
     """
 
     rotation: Tensor
@@ -74,6 +78,7 @@ class RotationSearch:
         """Nothing is computed yet."""
         self.light, self.y, self.used, self.expected = light, y, used.to(y.device), expected
         self.evaluations = 0
+        self._doubt = 1 + (DOUBT - 1) * y.shape[-1] / _SPHERE
         self._frame: tuple[Tensor, Tensor] | None = None
 
     def under(self, probe: LightProbe) -> "RotationSearch":
@@ -91,7 +96,7 @@ class RotationSearch:
         bank = PriorBank.of(ImageSpace.weighted(packed, scale), variances, correlation=1)
         found = bank.explain(self.y)
         self.evaluations += 1
-        return Trial(rotation, basis, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / DOUBT)
+        return Trial(rotation, basis, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
 
     def climb(self, start: Trial) -> Summit:
         """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow."""
@@ -139,7 +144,7 @@ class RotationSearch:
         product = product + torch.einsum("ask,sk,bsk->sab", seen, bank.damping[m, :, penalty], seen)
         slope = torch.einsum("asp,sp->sa", weighted, residual[0] * bank.space.inverse)
         quadratic = found.quadratic[0, m, :, penalty]
-        count = torch.where(quadratic > 0, bank.independent_pixels / DOUBT / quadratic, 0)
+        count = torch.where(quadratic > 0, bank.independent_pixels / self._doubt / quadratic, 0)
         return (count @ slope).cpu(), torch.einsum("s,sab->ab", count, product).cpu()
 
     def _first_frame(self, packed: Tensor) -> tuple[Tensor, Tensor]:
