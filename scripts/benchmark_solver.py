@@ -157,7 +157,7 @@ def mean_weights(found: Explanation, least: float = 0.0) -> Tensor:
 
 def some_priors(found: Explanation, keep: Tensor) -> Explanation:
     bank = found.bank
-    parts = {f.name: getattr(bank, f.name)[keep] for f in fields(bank) if f.name != "space"}
+    parts = {f.name: getattr(bank, f.name)[keep] for f in fields(bank) if f.name not in ("space", "correlation")}
     own = {f.name: getattr(found, f.name)[:, keep] for f in fields(found) if f.name != "bank"}
     return replace(found, bank=replace(bank, **parts), **own)
 
