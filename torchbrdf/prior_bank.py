@@ -50,6 +50,11 @@ _ALIKE = 0.02
 """Radians: a material nearer than this to a centre needs no neighbourhood of its own."""
 
 
+def redundancy(correlation: float, pixels: int, photographs: int = 1) -> float:
+    """How many pixels say as much as one, where `correlation` of a sphere of 64 x 64 do."""
+    return 1 + (correlation - 1) * pixels / (_SPHERE * photographs)
+
+
 def image_angles(space: ImageSpace) -> Tensor:
     """(n, n) radians between weighted basis images, mean over the channels of the light that are not black."""
     size = space.energy.sqrt()
@@ -135,7 +140,7 @@ class PriorBank:
     def independent_pixels(self) -> float:
         """How many independent pixels say as much as those of the space."""
         pixels = self.space.scale.shape[-1]
-        return pixels / (1 + (self.correlation - 1) * pixels / (_SPHERE * self.space.photographs))
+        return pixels / redundancy(self.correlation, pixels, self.space.photographs)
 
     @property
     def temperature(self) -> float:

@@ -15,17 +15,14 @@ from torch import Tensor
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.harmonic_basis import HarmonicBasis
 from torchbrdf.image_space import ImageSpace, residual_scale
-from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances
+from torchbrdf.prior_bank import Explanation, PriorBank, prior_variances, redundancy
 from torchbrdf.probe import LightProbe
 from torchbrdf.rotation_vectors import rotation_of, rotation_vector
 
 DOUBT = 100.0
-"""What the evidence of rotations is divided by for a sphere of 64 x 64 pixels; fewer pixels lie farther apart, and say
-more each. Every pixel counts in it, but what no material of the library explains is the same in neighbouring pixels and
-changes as the light turns (docs/alignment.md)."""
-
-_SPHERE = 3080
-"""The pixels of that sphere."""
+"""What the evidence of rotations is divided by for a sphere of 64 x 64 pixels, see `redundancy`. Every pixel counts in
+it, but what no material of the library explains is the same in neighbouring pixels and changes as the light turns
+(docs/alignment.md)."""
 
 _LONGEST_STEP = radians(8)
 _SMALLEST_STEP = radians(0.01)
@@ -78,7 +75,7 @@ class RotationSearch:
         """Nothing is computed yet."""
         self.light, self.y, self.used, self.expected = light, y, used.to(y.device), expected
         self.evaluations = 0
-        self._doubt = 1 + (DOUBT - 1) * y.shape[-1] / _SPHERE
+        self._doubt = redundancy(DOUBT, y.shape[-1])
         self._frame: tuple[Tensor, Tensor] | None = None
 
     def under(self, probe: LightProbe) -> "RotationSearch":
