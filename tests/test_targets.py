@@ -199,11 +199,8 @@ def test_metadata_say_what_a_target_is(analytic: Path, probes: dict[str, tb.Ligh
     assert (target.image[:, ~tb.SphereView(SIZE).mask[0]] == 0).all()
 
 
-def test_resumption_skips_what_is_there(
-    analytic: Path, probe_files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "targets"
-    shutil.copytree(analytic, folder)
+def watch_targets(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The targets of a folder that are made from now on, as they are made."""
     made: list[Path] = []
     original = make_targets.make_target
 
@@ -212,6 +209,15 @@ def test_resumption_skips_what_is_there(
         original(path, *others)
 
     monkeypatch.setattr(make_targets, "make_target", counted)
+    return made
+
+
+def test_resumption_skips_what_is_there(
+    analytic: Path, probe_files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "targets"
+    shutil.copytree(analytic, folder)
+    made = watch_targets(folder, monkeypatch)
     same = ["--samples", "1024", "--max-samples", "1024"]
     assert run_make(folder, probe_files, *same) == 0
     assert made == []
@@ -286,14 +292,7 @@ def test_turned_targets_are_resumed(
     """The same rotations again; other ones are made where another angle, another seed or no turn is asked for."""
     folder = tmp_path / "targets"
     shutil.copytree(turned, folder)
-    made: list[Path] = []
-    original = make_targets.make_target
-
-    def counted(path: Path, *others: object) -> None:
-        made.append(path.relative_to(folder))
-        original(path, *others)
-
-    monkeypatch.setattr(make_targets, "make_target", counted)
+    made = watch_targets(folder, monkeypatch)
     lost = Path("room/white-plaster.exr")
     before = targets_module.Target.open(folder / lost)
     (folder / lost).unlink()
