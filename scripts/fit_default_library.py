@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fit the embedded default library: analytic parameters (torchbrdf.microfacet) to a directory of MERL tables.
+"""Fit the embedded default library: analytic parameters (torchbrdf.lobes) to a directory of MERL tables.
 
     python scripts/fit_default_library.py MERL_DIR [--output FILE] [--report FILE.md] [--checkpoint FILE]
 
@@ -39,9 +39,9 @@ from tqdm import tqdm
 
 from torchbrdf.directions import from_half_difference, half_difference
 from torchbrdf.files import cache_folder, writing
+from torchbrdf.lobes import MODEL_VERSION, PARAMETER_NAMES, Parameters, evaluate_lobes, expand_row
 from torchbrdf.merl import N_CELLS, MerlTable, above_horizon, cell_centres, cell_index, nearest_measured
 from torchbrdf.merl_directory import table_paths
-from torchbrdf.microfacet import MODEL_VERSION, PARAMETER_NAMES, Parameters, evaluate_lobes, expand_row
 
 ROOT = Path(__file__).resolve().parent.parent
 LOBES = 5

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.lobes import MODEL_VERSION, expand_row, load_default_parameters
 from torchbrdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, cell_centres, read_planes
 from torchbrdf.merl_directory import table_paths
-from torchbrdf.microfacet import MODEL_VERSION, expand_row, load_default_parameters
 
 ROW_CELLS = GRID[1] * GRID[2]
 """Cells of one theta_h row of the grid."""

@@ -10,9 +10,9 @@ from conftest import load_script
 from torch import Tensor
 
 from torchbrdf.directions import from_half_difference, half_difference
+from torchbrdf.lobes import PARAMETER_NAMES, evaluate_lobes, expand_row, load_default_parameters
 from torchbrdf.merl import GRID, MerlTable, above_horizon, cell_centres
 from torchbrdf.merl_directory import MERL_MATERIALS
-from torchbrdf.microfacet import PARAMETER_NAMES, evaluate_lobes, expand_row, load_default_parameters
 
 ROOT = Path(__file__).resolve().parent.parent
 NEUTRAL = {

@@ -1,0 +1,67 @@
+"""The cosines of pairs of directions that isotropic analytic BRDFs are written in."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from torchbrdf.directions import half_difference
+
+_HORIZON = 1e-6
+"""Least cosine: keeps models that divide by it finite at the horizon."""
+
+
+@dataclass(frozen=True)
+class ShadingGeometry:
+    """Pairs of directions about a normal; every field is (..., 1), so that parameters of 1 or 3 channels broadcast.
+
+    cos_i, cos_o   cosines to the normal, at least 1e-6, also below the horizon
+    cos_h, sin2_h  cosine and squared sine of theta_h; the sine, not from the cosine, is exact near 0
+    cos_d          cosine of theta_d: between either direction and the half vector
+    above          bool, both directions lie above the horizon
+    """
+
+    cos_i: Tensor
+    cos_o: Tensor
+    cos_h: Tensor
+    sin2_h: Tensor
+    cos_d: Tensor
+    above: Tensor
+
+    @classmethod
+    def of_angles(cls, theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> "ShadingGeometry":
+        """Of half/difference angles in radians, broadcast against each other to (...), in their precision."""
+        angles = torch.broadcast_tensors(theta_h, theta_d, phi_d)
+        theta_h, theta_d, phi_d = (angle[..., None] for angle in angles)
+        base = torch.cos(theta_d) * torch.cos(theta_h)
+        swing = torch.sin(theta_d) * torch.sin(theta_h) * torch.cos(phi_d)
+        return cls._of(base - swing, base + swing, theta_h, theta_d)
+
+    @classmethod
+    def of_directions(cls, w_i: Tensor, w_o: Tensor) -> "ShadingGeometry":
+        """Of unit vectors (..., 3) in the local frame (normal +Z)."""
+        theta_h, theta_d, _ = (angle[..., None] for angle in half_difference(w_i, w_o))
+        return cls._of(w_i[..., 2:], w_o[..., 2:], theta_h, theta_d)
+
+    @classmethod
+    def _of(cls, cos_i: Tensor, cos_o: Tensor, theta_h: Tensor, theta_d: Tensor) -> "ShadingGeometry":
+        return cls(
+            cos_i=cos_i.clamp_min(_HORIZON),
+            cos_o=cos_o.clamp_min(_HORIZON),
+            cos_h=torch.cos(theta_h),
+            sin2_h=torch.sin(theta_h).square(),
+            cos_d=torch.cos(theta_d),
+            above=(cos_i > 0) & (cos_o > 0),
+        )
+
+    def to(self, dtype: torch.dtype) -> "ShadingGeometry":
+        """The same in another precision."""
+        return self._map(lambda field: field if field.dtype == torch.bool else field.to(dtype))
+
+    def __getitem__(self, chosen: Tensor) -> "ShadingGeometry":
+        """Some of the pairs."""
+        return self._map(lambda field: field[chosen])
+
+    def _map(self, function: Callable[[Tensor], Tensor]) -> "ShadingGeometry":
+        return ShadingGeometry(**{field.name: function(getattr(self, field.name)) for field in fields(self)})
