@@ -20,6 +20,7 @@ from torch import Tensor
 
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.library import MaterialLibrary
+from torchbrdf.light_harmonics import TurningLight
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
 from torchbrdf.transport import render_tables
@@ -43,13 +44,13 @@ def load_script(name: str) -> ModuleType:
 
 @pytest.fixture
 def browser():
-    """Headless Chromium; skips where there is none."""
+    """Headless Chromium, with WebGL computed by the processor; skips where there is none."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if path is None:
         pytest.skip("no Chromium on this machine to open the page in")
     flags = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
-    flags += ["--disable-component-update", "--disable-sync"]
+    flags += ["--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_api.sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=path, args=flags)
         try:
@@ -198,9 +199,27 @@ def precomputed_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: p
     return folder
 
 
-@pytest.fixture(scope="session")
-def precomputed_library(own_cache: Path, precomputed_directory: Path) -> MaterialLibrary:
-    """Their library. It lives in the cache, so that its transport is computed once in a whole run, in 15 s."""
+HALF_GRID = {
+    "torchbrdf.harmonic_grid._ROWS": (128, 96, 64, 64),
+    "torchbrdf.harmonic_kernels._AZIMUTHS": (32, 48, 64, 96),
+    "torchbrdf.column_norms._SAMPLES": 1 << 16,
+    "torchbrdf.harmonic_basis.TurningLight": lambda probe, _: TurningLight(probe, 360),
+}
+"""Of the harmonic transport: as good for TINY_MATERIALS under `LightProbe.default(64)`, in a third of the time."""
+
+
+@pytest.fixture(scope="module")
+def half_grid() -> Iterator[None]:
+    """HALF_GRID in the place of the grid at work, which tests/test_harmonic.py is about."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in HALF_GRID.items():
+            patch.setattr(name, value)
+        yield
+
+
+@pytest.fixture(scope="module")
+def precomputed_library(own_cache: Path, precomputed_directory: Path, half_grid: None) -> MaterialLibrary:
+    """Their library. It lives in the cache, so that its transport is computed once in a whole run, in 5 s."""
     library = MaterialLibrary.from_merl(precomputed_directory, progress=False)
     transport_of(library)
     return library

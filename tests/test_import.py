@@ -2,7 +2,7 @@ import json
 import subprocess
 import sys
 
-HEAVY = ("mitsuba", "drjit", "sklearn", "scipy", "matplotlib", "cv2", "OpenEXR", "kornia", "playwright")
+HEAVY = ("mitsuba", "drjit", "sklearn", "scipy", "matplotlib", "cv2", "OpenEXR", "kornia", "playwright", "skimage")
 
 
 def modules_after(statement: str) -> set[str]:

@@ -142,6 +142,7 @@ def test_every_section_is_there(report, subject):
     assert kinds.count("polar") == 4
     assert kinds.count("curve") == 1
     assert kinds.count("plan") == 4
+    assert sum(attrs.get("class") == "slice" for attrs in page.all("div")) == 2
     for fingerprint in (result.library, subject.basis.probe, subject.basis.view):
         assert fingerprint in text
     assert "12 pixels are masked out" in text

@@ -8,6 +8,8 @@ import os
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")
 
 from torchbrdf.alignment import Alignment, align
+from torchbrdf.analytic_fit import AnalyticFit, fit_analytic, fit_analytic_batch
+from torchbrdf.analytic_image_fit import fit_analytic_to_image
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.directional import render_directional
@@ -25,6 +27,7 @@ from torchbrdf.view import NormalMapView, SphereView, View
 
 __all__ = [
     "Alignment",
+    "AnalyticFit",
     "BRDFEstimator",
     "BasisImages",
     "Camera",
@@ -39,6 +42,9 @@ __all__ = [
     "SphereView",
     "View",
     "align",
+    "fit_analytic",
+    "fit_analytic_batch",
+    "fit_analytic_to_image",
     "read_image",
     "read_mask",
     "render",

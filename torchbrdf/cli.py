@@ -1,4 +1,4 @@
-"""The command line: `torchbrdf demo | fit | live | precompute | render | bake | export | verify | classes | doctor`."""
+"""The command line: `torchbrdf demo | fit | live | compare | precompute | render | bake | export | verify | ...`."""
 
 import argparse
 import sys
@@ -8,7 +8,21 @@ from pathlib import Path
 from typing import NoReturn, get_args
 
 import torchbrdf
-from torchbrdf.commands import alignment, bake, classes, demo, doctor, export, fit, live, precompute, render, verify
+from torchbrdf.commands import (
+    alignment,
+    analytic,
+    bake,
+    classes,
+    compare,
+    demo,
+    doctor,
+    export,
+    fit,
+    live,
+    precompute,
+    render,
+    verify,
+)
 from torchbrdf.constraints import CONSTRAINTS
 from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
 from torchbrdf.probe import Layout
@@ -116,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     added.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     estimation(added)
     alignment.add_options(added)
+    added.add_argument("--uncertainty", action="store_true", help=f"also write {fit.STD}: how sure each cell is")
     output(added, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
     added = command("live", live.run)
@@ -128,6 +143,19 @@ def _parser() -> argparse.ArgumentParser:
     added.add_argument("--pixels", type=live.pixels, default=live.PIXELS, help="along a sphere; default: %(default)s")
     added.add_argument("--port", type=live.port, default=0, help="of 127.0.0.1; default: any free one")
     added.add_argument("--no-browser", action="store_true", help="print the page's address, and open no browser")
+
+    added = command("compare", compare.run)
+    added.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help="MERL table, or a folder that `fit` wrote")
+    light(added, required=False)
+    added.set_defaults(probe="default")
+    added.add_argument("--size", type=int, default=192, help="pixels along a sphere; default: %(default)s")
+    added.add_argument("--samples", type=int, default=1024, help="samples a pixel, on average; default: %(default)s")
+    output(added, "X.html")
+
+    added = command("analytic", analytic.run)
+    analytic.add_options(added)
+    light(added, required=False)
+    added.set_defaults(probe="default")
 
     added = command("render", render.run)
     added.add_argument("brdf", type=Path, help="MERL table, .binary")

@@ -1,13 +1,11 @@
 """The page on which the light is turned: HTML with its style sheet and its script, live_page.js, inside."""
 
-import base64
-import hashlib
 from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
 
-from torchbrdf.report_page import STYLE, plate
+from torchbrdf.report_page import STYLE, plate, source_hash
 
 LIVE_STYLE = (
     STYLE
@@ -95,10 +93,7 @@ def page(title: str, light: str, labels: Sequence[str], size: int) -> str:
 @cache
 def content_security_policy() -> str:
     """The header that lets the page run its own script and style, ask its own server, and nothing else."""
-    script, style = (
-        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-        for text in (_script(), LIVE_STYLE)
-    )
+    script, style = source_hash(_script()), source_hash(LIVE_STYLE)
     return (
         f"default-src 'none'; script-src {script}; style-src {style}; connect-src 'self'; img-src data:; "
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

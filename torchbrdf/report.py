@@ -46,6 +46,8 @@ from torchbrdf.report_figures import (
 from torchbrdf.report_observability import observability_section
 from torchbrdf.report_page import definitions, page, plate, section
 from torchbrdf.report_pictures import kind_of, light_picture, short_name, sphere_plate
+from torchbrdf.report_slices import EXPLANATION as SLICE_EXPLANATION
+from torchbrdf.report_slices import slice_exposures, slice_figure
 from torchbrdf.report_spread import NINETY, spread_section
 from torchbrdf.view import SphereView, View
 
@@ -242,6 +244,8 @@ def _curves(evidence: Evidence) -> str:
         "stretched towards the highlight as MERL’s grid is.</p>",
         theta_h_plot(curve, others, band),
         f'<p class="key note">{key}{dashed}</p>',
+        SLICE_EXPLANATION,
+        f'<div class="three">{"".join(slice_figure(table, "", stops) for stops in slice_exposures(table))}</div>',
     )
 
 

@@ -139,17 +139,27 @@ def log_range(values: np.ndarray) -> tuple[int, int]:
     return max(min(low, high - 1), high - 7), high
 
 
-def polar_plot(table: MerlTable, theta_i_deg: float, decades: tuple[int, int]) -> str:
-    """f_r over theta_o in the plane of incidence, R, G, B; the logarithm of f_r is the radius."""
+def polar_plot(
+    table: MerlTable, theta_i_deg: float, decades: tuple[int, int], reference: MerlTable | None = None
+) -> str:
+    """f_r over theta_o in the plane of incidence, R, G, B; the logarithm of f_r is the radius.
+
+    reference  another table, of which the mean of R, G, B is drawn in dashes
+    """
     low, high = decades
     reach = 100.0
     theta_o, f_r = plane_of_incidence(table, theta_i_deg)
-    radius = reach * (np.log10(np.maximum(f_r, 10.0**low)) - low) / (high - low)
+
+    def curve(values: np.ndarray) -> "zip[tuple[float, float]]":
+        radius = reach * (np.log10(np.maximum(values, 10.0**low)) - low) / (high - low)
+        return zip(radius * np.sin(np.radians(theta_o)), -radius * np.cos(np.radians(theta_o)), strict=True)
+
     parts = [f'<line x1="{-reach}" y1="0" x2="{reach}" y2="0" class="axis"/>']
+    labelled = 1 if high - low < 5 else 2 if high - low < 8 else 3
     for decade in range(low + 1, high + 1):
         r = reach * (decade - low) / (high - low)
         parts.append(f'<path d="M{-r:.1f} 0 A{r:.1f} {r:.1f} 0 0 1 {r:.1f} 0" class="grid"/>')
-        if decade == high or high - low < 5 or (high - decade) % 2 == 0:
+        if (high - decade) % labelled == 0:
             parts.append(f'<text x="{-r:.1f}" y="10" class="tick middle">{_power(decade)}</text>')
     for angle in (-60, -30, 0, 30, 60):
         x, y = sin(radians(angle)), -cos(radians(angle))
@@ -160,10 +170,10 @@ def polar_plot(table: MerlTable, theta_i_deg: float, decades: tuple[int, int]) -
         f'<circle cx="{118 * x:.1f}" cy="{118 * y:.1f}" r="3.5" class="lamp"/>'
         f'<line x1="0" y1="0" x2="{-reach * x:.1f}" y2="{reach * y:.1f}" class="mirror"/>'
     )
-    ends = np.radians(theta_o)
     for channel in range(3):
-        points = zip(radius[:, channel] * np.sin(ends), -radius[:, channel] * np.cos(ends), strict=True)
-        parts.append(_polyline(points, CHANNEL_COLOURS[channel], _CHANNEL_WIDTHS[channel]))
+        parts.append(_polyline(curve(f_r[:, channel]), CHANNEL_COLOURS[channel], _CHANNEL_WIDTHS[channel]))
+    if reference is not None:
+        parts.append(_polyline(curve(plane_of_incidence(reference, theta_i_deg)[1].mean(1)), "#444", 0.9, "3 2"))
     label = f"polar plot of f_r in the plane of incidence, light at {theta_i_deg:g} degrees from the normal"
     return f'<svg class="polar" viewBox="-126 -126 252 140" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 

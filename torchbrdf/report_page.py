@@ -1,5 +1,7 @@
-"""The report's page: its style sheet and the skeleton of the HTML. No script, no external reference."""
+"""The pages that are files: the style sheet and the skeleton of the HTML. No external reference."""
 
+import base64
+import hashlib
 from collections.abc import Iterable, Mapping
 from html import escape
 
@@ -58,6 +60,11 @@ svg.bar { width: 110px; height: 11px; margin-right: 8px; vertical-align: -1px; }
 svg.plan { width: 36px; height: 46px; float: right; margin: 2px 4px 0 8px; }
 svg.polar { width: 100%; height: auto; }
 svg.polar text { font-size: 6.5px; }
+.slice { position: relative; }
+.slice img { position: absolute; left: 13.889%; top: 2.778%; width: 83.333%; image-rendering: pixelated;
+  outline: 1px solid #8a8780;
+  print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+.slice svg { display: block; width: 100%; height: auto; }
 svg.curve { width: 100%; max-width: 760px; height: auto; }
 svg text { font-size: 10px; fill: var(--soft); font-family: inherit; }
 svg .middle { text-anchor: middle; } svg .end { text-anchor: end; }
@@ -82,15 +89,30 @@ details summary { cursor: pointer; color: var(--soft); }
 """
 
 
-def page(title: str, body: Iterable[str]) -> str:
-    """A whole HTML document."""
+def page(title: str, body: Iterable[str], style: str = STYLE, script: str = "") -> str:
+    """A whole HTML document.
+
+    script  what it runs; a page with one may run and load nothing else, and no element may have a style of its own
+    """
+    policy = (
+        f"default-src 'none'; script-src {source_hash(script)}; style-src {source_hash(style)}; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        + (f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n' if script else "")
+        + '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{style}</style>\n</head>\n<body>\n<main>\n"
         + "\n".join(body)
-        + "\n</main>\n</body>\n</html>\n"
+        + "\n</main>\n"
+        + (f"<script>{script}</script>\n" if script else "")
+        + "</body>\n</html>\n"
     )
+
+
+def source_hash(text: str) -> str:
+    """What a Content-Security-Policy calls a script or a style sheet."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def section(title: str, *parts: str) -> str:

@@ -1,6 +1,7 @@
 """The report's pictures of balls and lights."""
 
 import re
+from html import unescape
 from pathlib import PurePath
 
 import torch
@@ -26,7 +27,7 @@ def ball(image: Tensor, sphere: SphereView, exposure: float, alt: str, size: str
 
 def sphere_plate(image: Tensor, sphere: SphereView, exposure: float, caption: str) -> str:
     """A sphere on the neutral grey, with a caption (HTML)."""
-    alt = re.sub(r"<svg.*</svg>|<[^>]*>", " ", caption).strip()
+    alt = unescape(re.sub(r"<svg.*</svg>|<[^>]*>", " ", caption)).strip()
     return plate(ball(image, sphere, exposure, f"sphere: {alt}", "middle"), caption)
 
 

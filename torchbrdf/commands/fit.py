@@ -10,18 +10,21 @@ from torch import Tensor
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.commands import alignment
-from torchbrdf.commands.inputs import about, open_library, open_probe, open_view
+from torchbrdf.commands.inputs import RESULT, about, open_library, open_probe, open_view
 from torchbrdf.constraints import Constraint
 from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator, Penalty
 from torchbrdf.files import writing, writing_folder
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
-from torchbrdf.merl import MerlTable
+from torchbrdf.merl import MerlTable, above_horizon
 from torchbrdf.photograph import LARGEST_DEFAULT_SIZE, Circle, Observation, find_circle, observe, observe_view
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.transport import render_basis
 from torchbrdf.view import SphereView, View
+
+STD = "brdf_std.binary"
+"""The standard deviation of f_r in every cell, as a MERL table."""
 
 PENALTY_HELP = f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
 CONSTRAINT_HELP = (
@@ -47,6 +50,8 @@ def penalty(text: str) -> Penalty:
 def run(options: argparse.Namespace) -> int:
     """Recover the BRDF of a photographed ball, or another known shape: brdf.binary, weights.json, report.html."""
     alignment.check(options)
+    if options.uncertainty and options.penalty != "auto":
+        raise ValueError(f"--uncertainty needs --penalty auto, a fixed one has no posterior; got {options.penalty}")
     with writing_folder(options.output) as folder:
         size = options.size
         if options.basis is not None and size is None:
@@ -66,6 +71,12 @@ def run(options: argparse.Namespace) -> int:
             written = f"alignment.json, aligned_probe.exr, {written}"
         fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
         write_results(folder, fitted, probe, library, settings)
+        if options.uncertainty:
+            deviation = fitted.result.brdf_std(library).double()
+            MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)
+            written = f"{STD}, {written}"
+    if not options.uncertainty:
+        (options.output / STD).unlink(missing_ok=True)  # of an earlier photograph
     if options.align:
         print(found)
     print(summary(fitted))
@@ -142,7 +153,7 @@ def write_results(
     from torchbrdf.report import write_report
     from torchbrdf.report_evidence import Subject
 
-    fitted.table.save(folder / "brdf.binary")
+    fitted.table.save(folder / RESULT)
     write_image(folder / "fitted.exr", fitted.image)
     with writing(folder / "weights.json") as path:
         path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")

@@ -1,4 +1,4 @@
-"""What several commands read: probes, libraries, views, and messages that name the file."""
+"""What several commands read: probes, libraries, views, tables, and messages that name the file."""
 
 import argparse
 from collections.abc import Iterator
@@ -7,11 +7,15 @@ from pathlib import Path
 
 from torchbrdf.images import read_image
 from torchbrdf.library import MaterialLibrary
+from torchbrdf.merl import MerlTable
 from torchbrdf.mitsuba_backend.camera import Camera
 from torchbrdf.mitsuba_backend.mesh import SUFFIXES as MESH_SUFFIXES
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.view import NormalMapView, SphereView, View
+
+RESULT = "brdf.binary"
+"""The table in a folder that `torchbrdf fit` writes."""
 
 _CAMERA = ("toward", "up", "target", "width")
 
@@ -46,6 +50,24 @@ def open_view(options: argparse.Namespace, size: int) -> View:
         raise ValueError(f"--fov is for a sphere or a mesh, and --view is {options.view}")
     with about(path):
         return NormalMapView(read_image(path))
+
+
+def open_table(path: Path) -> MerlTable:
+    """A MERL table, or that in a folder that `torchbrdf fit` wrote."""
+    if not path.is_dir():
+        return MerlTable.open(path)
+    if not (path / RESULT).is_file():
+        raise FileNotFoundError(f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`")
+    return MerlTable.open(path / RESULT)
+
+
+def labels(paths: list[Path]) -> list[str]:
+    """Short names of tables; where two agree, those are the paths as given; where those agree too, they are counted."""
+    names = [path.resolve().name if path.is_dir() else path.stem for path in paths]
+    names = [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+    return [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
+    ]
 
 
 @contextmanager

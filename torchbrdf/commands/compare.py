@@ -1,0 +1,33 @@
+"""`torchbrdf compare`: tables side by side, on a page to look at."""
+
+import argparse
+
+from torchbrdf.commands.inputs import labels, open_probe, open_table
+from torchbrdf.files import writing
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compare BRDFs with the first: spheres, slices, curves, differences, and a light to turn; one HTML page."""
+    from torchbrdf.comparison import Comparison, write_comparison
+
+    paths = options.brdfs
+    if len(paths) < 2:
+        raise ValueError(f"compare needs two BRDFs or more, got {paths[0]} alone; name the reference first")
+    if options.output.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"{options.output}: the comparison is a page; name it X.html")
+    with writing(options.output) as temporary:
+        tables = [open_table(path) for path in paths]
+        names = labels(paths)
+        probe = open_probe(options)
+        comparison = Comparison.of(tables, probe, names, size=options.size, samples=options.samples)
+        write_comparison(temporary, comparison)
+    for name, difference in zip(names[1:], comparison.differences, strict=True):
+        cells = ", ".join(f"{metric} {value:.2%}" for metric, value in difference.cells.items())
+        print(
+            f"{name} from {names[0]}: {cells}; picture {difference.picture:.2%}, "
+            f"delta E mean {difference.delta_e_mean:.2f}, 95 % below {difference.delta_e_95:.2f}"
+        )
+    for caution in comparison.cautions:
+        print(f"caution: {caution}")
+    print(f"wrote {options.output}")
+    return 0

@@ -1,0 +1,87 @@
+"""How far an analytic BRDF is from a table in some cells of the MERL grid, in a metric."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import cos, radians
+
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf_metrics import METRICS, cell_measure, incident_cosine
+from torchbrdf.merl import GRID, N_CELLS, MerlTable, cell_centres
+from torchbrdf.shading_geometry import ShadingGeometry
+
+MODEL_ERROR = 0.1
+"""What an analytic model misses of a material anyway: an uncertainty of this share halves the weight of a cell."""
+
+_DARKEST = 1e-6
+"""In 1/sr: cells darker than this have no relative uncertainty."""
+
+
+@dataclass(frozen=True)
+class FitCells:
+    """Cells of the MERL grid that a fit looks at.
+
+    index     (C,)    flat
+    geometry  of the pairs of directions at their centres
+    cos_i     (C, 1)
+    measure   (C, 1)  sr^2
+    """
+
+    index: Tensor
+    geometry: ShadingGeometry
+    cos_i: Tensor
+    measure: Tensor
+
+
+@lru_cache(maxsize=6)
+def fit_cells(steps: tuple[int, int, int], largest_angle_deg: float, dtype: torch.dtype) -> FitCells:
+    """Every so many cells along theta_h, theta_d and phi_d, without those whose directions are beyond an angle."""
+    inside = incident_cosine() > cos(radians(largest_angle_deg))
+    inside &= inside.flip(2)  # the cell of the reversed pair
+    chosen = torch.zeros(GRID, dtype=torch.bool)
+    chosen[tuple(slice(step // 2, None, step) for step in steps)] = True
+    index = torch.nonzero((chosen & inside).ravel()).ravel()
+    angles = (angle.expand(GRID).reshape(-1)[index] for angle in cell_centres())
+    cos_i, measure = (values.ravel()[index, None].to(dtype) for values in (incident_cosine(), cell_measure()))
+    return FitCells(index, ShadingGeometry.of_angles(*angles).to(dtype), cos_i, measure)
+
+
+@dataclass(frozen=True)
+class TableResiduals:
+    """Residuals whose squares sum to the squared relative error, see `analytic_fit`.
+
+    values  (C, 3)  g(f_r* cos theta_i)
+    roots   (C, 3)  square roots of the weights, divided by the norm of the weighted values
+    """
+
+    cells: FitCells
+    metric: str
+    values: Tensor
+    roots: Tensor
+
+    @classmethod
+    def to(cls, table: MerlTable, cells: FitCells, metric: str, uncertainty: Tensor | None) -> "TableResiduals":
+        """From a model to a table; uncertainty (90, 90, 180, 3) of f_r in 1/sr makes cells count less."""
+        f_r = table.values.reshape(N_CELLS, 3)[cells.index].clamp_min(0).to(cells.cos_i.dtype)
+        measured = table.valid.ravel()[cells.index, None]
+        values = torch.where(measured, METRICS[metric](f_r * cells.cos_i), 0)
+        weights = (cells.measure * measured).expand(-1, 3)
+        if uncertainty is not None:
+            share = uncertainty.reshape(N_CELLS, 3)[cells.index].to(f_r) / f_r.clamp_min(_DARKEST)
+            weights = weights / (1 + (share / MODEL_ERROR).square())
+        return cls(cells, metric, values, (weights / (weights * values.square()).sum()).sqrt())
+
+    @property
+    def geometry(self) -> ShadingGeometry:
+        """Of the cells."""
+        return self.cells.geometry
+
+    def of(self, f_r: Tensor) -> Tensor:
+        """(C, 3) of f_r (C, 3)."""
+        return self.roots * (METRICS[self.metric](f_r * self.cells.cos_i) - self.values)
+
+    def along(self, f_r: Tensor, tangents: Tensor) -> Tensor:
+        """(S, C, 3): derivatives of `of` at f_r along tangents (S, C, 3)."""
+        slope = torch.func.jvp(self.of, (f_r,), (torch.ones_like(f_r),))[1]  # elementwise, so one slope serves all
+        return slope * tangents
