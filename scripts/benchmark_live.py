@@ -23,6 +23,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from targets import exit_status
+
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking")
 MOVE_S = 0.008
 WARM_UP_S = 1.0
@@ -68,7 +70,7 @@ def measure(url: str, options: argparse.Namespace) -> str:
     rates = [len(arrivals) / options.seconds for arrivals in drags]
     between = [b - a for arrivals in drags for a, b in pairwise(arrivals)]
     if len(between) < 10:
-        raise SystemExit("hardly a frame came; look at the page with --screenshot")
+        raise ValueError("hardly a frame came; look at the page with --screenshot")
     ninety = statistics.quantiles(between, n=10)[-1]
     return (
         f"{', '.join(f'{rate:.1f}' for rate in rates)} frames a second at {options.pixels} x {options.pixels}, "
@@ -77,15 +79,8 @@ def measure(url: str, options: argparse.Namespace) -> str:
     )
 
 
-def main() -> int:
+def run(options: argparse.Namespace) -> int:
     """Measure and print one line; 1 where a drag has fewer than 15 frames a second."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cores", type=int, default=2)
-    parser.add_argument("--pixels", type=int, default=128)
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--drags", type=int, default=3)
-    parser.add_argument("--screenshot", type=Path)
-    options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
         options.cores = len(os.sched_getaffinity(0))
@@ -95,13 +90,23 @@ def main() -> int:
         assert server.stdout is not None
         url = next((found[0] for line in server.stdout if (found := re.search(r"http://\S+", line))), None)
         if url is None:
-            raise SystemExit("the command ended without a page")
+            raise OSError("the command ended without a page")
         line = measure(url, options)
     finally:
         server.send_signal(signal.SIGINT)
         server.wait()
     print(line)
     return 0 if min(map(float, line.split(" frames")[0].split(", "))) >= 15 else 1
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--pixels", type=int, default=128)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--drags", type=int, default=3)
+    parser.add_argument("--screenshot", type=Path)
+    return exit_status("benchmark_live", run, parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -26,13 +26,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NoReturn
 
 import torch
 from leave_one_out_report import Facts, check_document, read_rows, write_report, write_rows
 from leave_one_out_scenes import CellSample, Images, Scene, directional_scene, noisy_observations
 from scipy.optimize import linear_sum_assignment
-from targets import RESUMABLE, exit_status
+from targets import RESUMABLE, Parser, exit_status
 from torch import Tensor
 from tqdm import tqdm
 
@@ -320,14 +319,6 @@ def run(args: argparse.Namespace) -> None:
     seconds = time.perf_counter() - started
     new = len(materials) - len(finished)
     print(f"{out}: results.csv, summary.md, errors.png; {new} new materials in {seconds:.0f} s")
-
-
-class Parser(argparse.ArgumentParser):
-    """Errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Say it and leave with status 2."""
-        self.exit(2, f"leave_one_out: error: {message}\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

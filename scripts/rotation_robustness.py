@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import mode
-from typing import Any, NoReturn
+from typing import Any
 
 import torch
 from leave_one_out import match_classes, open_probes
@@ -34,7 +34,7 @@ from leave_one_out_report import check_document, write_rows
 from rotation_methods import METHODS
 from rotation_robustness_report import Facts, MixtureFacts, write_report
 from rotation_tasks import AXES, Turn, fit_classes, reconstruct
-from targets import RESUMABLE, exit_status
+from targets import RESUMABLE, Parser, exit_status
 
 import torchbrdf as tb
 from torchbrdf.classes import N_CLASSES, N_DIMS
@@ -245,14 +245,6 @@ def stride(text: str) -> tuple[str, int]:
         known = ", ".join(METHODS)
         raise argparse.ArgumentTypeError(f"expected METHOD=N with METHOD of {known} and N >= 1, got {text!r}")
     return name, int(count)
-
-
-class Parser(argparse.ArgumentParser):
-    """Errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Say it and leave with status 2."""
-        self.exit(2, f"rotation_robustness: error: {message}\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

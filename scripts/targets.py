@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import torch
@@ -49,6 +50,14 @@ def exit_status(
         if interrupted is not None:
             print(f"{name}: {interrupted}", file=sys.stderr)
         return 130
+
+
+class Parser(argparse.ArgumentParser):
+    """Errors are one line, as those of `exit_status`."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say it and leave with status 2."""
+        self.exit(2, f"{self.prog}: error: {message}\n")
 
 
 def default_probes() -> list[Path]:

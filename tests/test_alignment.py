@@ -176,6 +176,10 @@ class TestStart:
         assert torch.equal(found.probe.radiance, GIVEN.rotated(TURN).radiance)
         assert found.log_odds < 0
         assert found.angle == pytest.approx(4)
+        assert str(found).startswith(
+            "light probe kept turned by 4.00 degrees about (0.37, -0.74, 0.56), as believed: "
+            "no other turn explains the photograph clearly better (standard deviation "
+        )
 
     def test_is_left_where_it_is_wrong(self, aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
         """The odds are those against the start, here by 8 degrees."""
@@ -282,7 +286,7 @@ class TestFullSearch:
         """Before any climb it is within half a step of 15 degrees."""
 
         def no_climb(task: RotationSearch, start: Trial) -> Summit:
-            return Summit(start, STRAIGHT / radians(0.1) ** 2, True)
+            return Summit(start, STRAIGHT / radians(0.1) ** 2, start.log_evidence, True)
 
         monkeypatch.setattr(RotationSearch, "climb", no_climb)
         rotation = turn_about((0, 1, 0), angle)

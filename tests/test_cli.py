@@ -205,7 +205,10 @@ def test_verify_names_sound_unsound_and_missing(capsys, tmp_path):
     assert lines[2].startswith("98 of the 100 MERL materials are missing: alum-bronze, ")
 
 
-def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys, tmp_path):
+def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys, tmp_path, monkeypatch):
+    """With smaller pictures than usual."""
+    for name, value in {"SIZE": 24, "PICTURE_SIZE": 48, "PICTURE_SAMPLES": 256}.items():
+        monkeypatch.setattr(f"torchbrdf.commands.demo.{name}", value)
     out = tmp_path / "demo"
     assert main(["demo", "-o", str(out)]) == 0
     names = {"brdf.binary", "fitted.exr", "novel_light.png", "photograph.exr", "report.html", "weights.json"}
@@ -218,8 +221,12 @@ def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys,
     assert novel < 15
 
 
-def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys, tmp_path):
-    """`fit` on a photograph of a library material, padded and masked, finds the ball and explains it."""
+def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys, tmp_path, monkeypatch):
+    """`fit` on a photograph of a library material, padded and masked, finds the ball and explains it.
+
+    The report, which takes longer than all the rest, is that of the demo.
+    """
+    monkeypatch.setattr("torchbrdf.report.write_report", lambda path, *_, **__: path.write_text(""))
     probe, view = tb.LightProbe.default(), tb.SphereView(32)
     image = tb.render(default_library.table("nylon"), probe, view, seed=5)
     padded = torch.nn.functional.pad(image, (7, 21, 12, 3), value=9.0)

@@ -47,8 +47,10 @@ def harmonic(library: MaterialLibrary, probe: LightProbe, view: View = SPHERE) -
     return render_basis(library, probe, view, backend="harmonic")
 
 
-def sampled(library: MaterialLibrary, probe: LightProbe, view: View = SPHERE) -> BasisImages:
-    return render_basis(library, probe, view, backend="sampled", samples=16384)
+def sampled(
+    library: MaterialLibrary, probe: LightProbe, view: View = SPHERE, samples: int = 8192
+) -> BasisImages:
+    return render_basis(library, probe, view, backend="sampled", samples=samples)
 
 
 def errors(found: BasisImages, expected: BasisImages) -> dict[str, float]:
@@ -107,7 +109,7 @@ class TestClosedForms:
 
 
 class TestOracle:
-    """Against the sampled transport, whose own error with these samples is about 0.1 %."""
+    """Against the sampled transport, whose own error with these samples is 0.05 to 0.2 %, 0.5 % under noise."""
 
     def test_two_lamps(self, library: MaterialLibrary) -> None:
         probe = lamps(64)
@@ -119,7 +121,7 @@ class TestOracle:
         """Every texel of a pole in another colour, which bilinear radiance shows up to the next row."""
         generator = torch.Generator().manual_seed(height)
         probe = LightProbe(torch.rand(3, height, 2 * height, generator=generator) ** 4)
-        found = errors(harmonic(library, probe), sampled(library, probe))
+        found = errors(harmonic(library, probe), sampled(library, probe, samples=16384))
         assert max(found.values()) < tolerance, found
 
     @pytest.mark.parametrize("height", [2, 8])
@@ -311,6 +313,24 @@ class TestBlends:
     def test_image_at_of_another_shape(self, library: MaterialLibrary) -> None:
         basis, weights = HarmonicBasis(library, lamps(64), waves()), random_weights(library)
         assert relative(basis.image_at(weights), combined(basis.basis_at(), weights)) < 1e-5
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"weights": torch.ones(15)}, r"weights must be \(n, 3\) = \(15, 3\), a column for .*, got \(15,\)"),
+            ({"weights": torch.ones(14, 3)}, r"weights must be \(n, 3\) = \(15, 3\), .*, got \(14, 3\)"),
+            ({"rotation": torch.eye(2)}, r"rotation must be \(3, 3\), got \(2, 2\)"),
+            ({"rotation": 2 * torch.eye(3)}, r"rotation must be orthonormal with .*, got determinant 8 and [^\n]*"),
+        ],
+    )
+    def test_other_weights_and_rotations(
+        self, library: MaterialLibrary, change: dict[str, Tensor], message: str
+    ) -> None:
+        basis = HarmonicBasis(library, lamps(), SPHERE)
+        for render in (basis.image_at, basis.change_at):
+            with pytest.raises(ValueError, match=f"^{message}$") as caught:
+                render(**{"weights": torch.ones(15, 3), "rotation": torch.eye(3), **change})
+            assert "\n" not in str(caught.value)
 
     def test_blended(self, library: MaterialLibrary) -> None:
         """Any number of combinations, each under all channels of the light."""

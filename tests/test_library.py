@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -387,6 +388,23 @@ class TestFromMerl:
         assert finished(fresh_cache) == []
         assert MaterialLibrary.from_merl(two_files, progress=False).names == ("red", "white")
         assert len(list(fresh_cache.rglob("*.f16"))) == 1
+
+    def test_no_room(self, two_files: Path, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch):
+        """Two materials take 2 x 3 x 1,458,000 values of two bytes, and a twentieth more while they are written."""
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=10_000_000))
+        with pytest.raises(OSError, match="make room") as caught:
+            MaterialLibrary.from_merl(two_files, progress=False)
+        where, said = str(caught.value).split(": ", 1)
+        assert Path(where).is_relative_to(fresh_cache)
+        assert said == (
+            "the library cache needs 0.02 GB, 0.01 GB are free; make room or set TORCHBRDF_CACHE to another disk"
+        )
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=18_370_000))
+        with pytest.raises(OSError, match="make room"):
+            MaterialLibrary.from_merl(two_files, progress=False)
+        assert finished(fresh_cache) == []
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=18_371_000))
+        assert MaterialLibrary.from_merl(two_files, progress=False).names == ("red", "white")
 
     def test_two_processes_at_once(self, two_files: Path, fresh_cache: Path, tmp_path: Path):
         """Both start building when both are ready; both must end with the same whole library."""

@@ -9,7 +9,7 @@ from conftest import glossy, lambert
 from torchbrdf import LightProbe, MaterialLibrary, MerlTable, SphereView
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.relighting import Relighter
-from torchbrdf.transport import render
+from torchbrdf.transport import render_tables
 
 SIZE = 32
 TURNS = {"as it is": (0.0, 1), "about the vertical": (50.0, 1), "about the view": (50.0, 2)}
@@ -33,7 +33,7 @@ def tables() -> list[MerlTable]:
 
 
 @pytest.fixture(scope="module")
-def relighter(tables: list[MerlTable]) -> Relighter:
+def relighter(tables: list[MerlTable], half_grid: None) -> Relighter:
     """The two materials themselves, and a mixture of them."""
     library = MaterialLibrary.from_tables(tables)
     weights = torch.zeros(3, 6, 3)
@@ -48,9 +48,9 @@ def test_against_the_sampled_transport(relighter: Relighter, tables: list[MerlTa
     """Within 3 %: pixels show their centres, not means over their area."""
     rotation = rotation_of(*TURNS[turn])
     found = relighter.render(rotation)
-    for image, table in zip(found, tables, strict=False):
-        expected = render(table, relighter.probe.rotated(rotation), SphereView(SIZE))
-        assert (image - expected).norm() < 0.03 * expected.norm()
+    expected = render_tables(tables, relighter.probe.rotated(rotation), SphereView(SIZE))
+    for image, sampled in zip(found[:2], expected, strict=True):
+        assert (image - sampled).norm() < 0.03 * sampled.norm()
 
 
 def test_linear_in_the_weights(relighter: Relighter) -> None:

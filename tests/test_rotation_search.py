@@ -1,6 +1,6 @@
 """The evidence of rotations: its top, its slopes and curvature against differences, climbs, priors, blurred light."""
 
-from math import degrees, radians
+from math import degrees, log, radians
 
 import pytest
 import torch
@@ -172,6 +172,42 @@ def test_what_is_expected_holds_it_back(room: HarmonicBasis, photographs: dict[s
     assert float((evidence - turn / expected**2).norm()) < 0.1 * float(evidence.norm())
     spread = torch.linalg.inv(summit.precision).diagonal().sqrt()
     assert float(spread.max()) < expected
+
+
+class Bump(RotationSearch):
+    """In place of the evidence a Gaussian bump of turns about a rotation, known in closed form."""
+
+    def __init__(self, top: Tensor, width: float, slope: float = 1) -> None:
+        self.top, self.width, self.slope, self.expected = top, width, slope, EXPECTED
+
+    def away(self, rotation: Tensor) -> Tensor:
+        return rotation_vector(rotation @ self.top.T)
+
+    def trial(self, rotation: Tensor) -> Trial:
+        return Trial(rotation, None, None, 7 - 0.5 * float(self.away(rotation).square().sum()) / self.width**2)
+
+    def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
+        return -self.slope * self.away(trial.rotation) / self.width**2, AXES / self.width**2
+
+
+@pytest.mark.parametrize("width", [0.5, 5.0, 500.0])
+def test_evidence_of_all_rotations(width: float) -> None:
+    """A Gaussian over a Gaussian: log N(3 degrees; 0, w^2 + E^2) / N(0; 0, w^2); the start is turned itself."""
+    start, axis = turned(AXES[1], 90), torch.tensor([1.0, 2.0, -2.0])
+    bump = Bump(turned(axis, 3) @ start, radians(width))
+    summit = bump.climb(bump.trial(start))
+    expected = 7 - 0.5 * 9 / (width**2 + 25) - 1.5 * log(1 + 25 / width**2)
+    assert summit.log_evidence == pytest.approx(expected, abs=0.01)
+    assert summit.converged
+
+
+def test_no_step_leads_higher() -> None:
+    """Where the slope is wrong, steps are shortened and then given up: not the end of a search."""
+    bump = Bump(turned(AXES[0], 3), radians(1), slope=-1)
+    start = bump.trial(AXES)
+    summit = bump.climb(start)
+    assert summit.trial is start
+    assert not summit.converged
 
 
 def test_far_from_no_turn(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:

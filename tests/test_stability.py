@@ -11,6 +11,7 @@ import platform
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -177,23 +178,20 @@ class TestScale:
         """For once the probe itself is scaled, and both renderings made again."""
         basis, image = real.basis, real.image
         one = BRDFEstimator(basis, real.classes, penalty=penalty)(image)
-        for exponent in (-26, 26):
-            probe = real.probe.scaled(2.0**exponent)
-            bright = tb.render_basis(real.library, probe, real.view, samples=256)
+        for bright, again in real.scaled:
             assert not torch.equal(bright.packed, basis.packed)
-            again = tb.render(real.table, probe, real.view, samples=256, seed=1)
             other = BRDFEstimator(bright, real.classes, penalty=penalty)(again)
             assert weight_change(one, other) < 1e-6
 
-    @pytest.mark.parametrize("scale", [1e-8, 1e8])
-    def test_a_rendered_probe_at_other_scales(self, real: "Real", scale: float):
+    def test_a_rendered_probe_at_other_scales(self, real: "Real"):
         """Some samples round into a neighbouring cell."""
         results = []
-        for factor in (1.0, scale):
+        for factor in (1.0, 1e-8, 1e8):
             probe = real.probe.scaled(factor)
             basis = tb.render_basis(real.library, probe, real.view, samples=4096)
             results.append(BRDFEstimator(basis, real.classes)(tb.render(real.table, probe, real.view, 4096, seed=1)))
-        assert weight_change(*results) < 1e-3
+        assert weight_change(results[0], results[1]) < 1e-3
+        assert weight_change(results[0], results[2]) < 1e-3
 
 
 class TestColumns:
@@ -474,12 +472,12 @@ class TestRepeatedCalls:
     def smallest(self) -> tuple[BRDFEstimator, Tensor, Tensor]:
         case = TestGradients.tiny("ordinary")
         images = case.image + torch.arange(10).view(10, 1, 1, 1) / 100
-        masks = torch.rand(10_000, 1, 1, images.shape[-1], generator=torch.Generator().manual_seed(0)) < 0.8
+        masks = torch.rand(5_000, 1, 1, images.shape[-1], generator=torch.Generator().manual_seed(0)) < 0.8
         estimator = BRDFEstimator(case.basis, classes_of((0,) * 6))
         return estimator, images, masks
 
     @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="reads /proc/self/statm, needs glibc's malloc_trim")
-    def test_ten_thousand_calls_need_no_more_memory(self, smallest):
+    def test_five_thousand_calls_need_no_more_memory(self, smallest):
         """Every fifth with another mask, every tenth with a gradient. 128 bytes a call would show."""
         estimator, images, masks = smallest
 
@@ -491,12 +489,12 @@ class TestRepeatedCalls:
             else:
                 estimator(image, masks[i] if i % 5 == 1 else None)
 
-        for i in range(2_000):
+        for i in range(1_000):
             call(i)
         before = resident()
-        for i in range(2_000, 10_000):
+        for i in range(1_000, 5_000):
             call(i)
-        assert resident() - before < 1e6
+        assert resident() - before < 5e5
 
     def test_no_python_object_stays(self, smallest):
         estimator, images, masks = smallest
@@ -645,6 +643,11 @@ class Real:
         self.classes = MaterialClasses.fit(self.library, 3, 2)
         self.probe = tb.LightProbe.default(32)
         self.basis, self.image = self.under(self.probe)
+
+    @cached_property
+    def scaled(self) -> list[tuple[BasisImages, Tensor]]:
+        """Under the probe times 2^-26 and 2^26."""
+        return [self.under(self.probe.scaled(2.0**exponent)) for exponent in (-26, 26)]
 
     def under(self, probe: tb.LightProbe) -> tuple[BasisImages, Tensor]:
         basis = tb.render_basis(self.library, probe, self.view, samples=256)

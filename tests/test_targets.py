@@ -69,6 +69,15 @@ def test_other_errors_of_a_script_keep_their_traceback() -> None:
         targets_module.exit_status("bake", run, argparse.Namespace())
 
 
+def test_options_that_are_wrong_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = targets_module.Parser(prog="bake")
+    parser.add_argument("--size", type=int)
+    with pytest.raises(SystemExit) as left:
+        parser.parse_args(["--size", "much"])
+    assert left.value.code == 2
+    assert capsys.readouterr().err == "bake: error: argument --size: invalid int value: 'much'\n"
+
+
 @pytest.fixture(scope="module")
 def mitsuba() -> ModuleType:
     try:

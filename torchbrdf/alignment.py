@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import degrees, log, radians
+from operator import attrgetter
 from typing import Literal, get_args
 
 import torch
@@ -110,8 +111,10 @@ class Alignment:
         """One line on what was found."""
         axis = rotation_vector(self.rotation)
         x, y, z = (axis / axis.norm().clamp_min(1e-12)).tolist()
-        turned = f"turned by {self.angle:.2f} degrees about ({x:.2f}, {y:.2f}, {z:.2f})"
-        what = turned if self.log_odds > CLEAR else "left as it is: no turn explains the photograph clearly better"
+        what = f"turned by {self.angle:.2f} degrees about ({x:.2f}, {y:.2f}, {z:.2f})"
+        if self.log_odds <= CLEAR:
+            kept = f"kept {what}, as believed: no other" if self.angle else "left as it is: no"
+            what = f"{kept} turn explains the photograph clearly better"
         certainty = f"standard deviation {self.uncertainty:.2f} degrees about the least certain axis"
         warning = "" if self.confident else ", more than this photograph can tell for sure"
         blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
@@ -161,8 +164,8 @@ def align(
     task = RotationSearch(light, y, used[0], EXPECTED)
     believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
     starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
-    begun, summit = max(((one, task.climb(one)) for one in starts), key=lambda pair: _log_posterior(*pair))
-    log_odds = _log_posterior(begun, summit) - believed.log_evidence - log(_TURNS if search == "full" else 1)
+    summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
+    log_odds = summit.log_evidence - believed.log_evidence - log(_TURNS if search == "full" else 1)
     turned = log_odds > CLEAR
     best = summit.trial if turned else believed
     sigma = 0.0
@@ -182,13 +185,6 @@ def align(
         converged=summit.converged,
         evaluations=task.evaluations,
     )
-
-
-def _log_posterior(start: Trial, summit: Summit) -> float:
-    """Log of the evidence of all rotations around a summit, weighted by the prior around the start (Laplace)."""
-    turn = rotation_vector(summit.trial.rotation @ start.rotation.T) / EXPECTED
-    spread = float(torch.logdet(summit.precision)) + 6 * log(EXPECTED)
-    return summit.trial.log_evidence - 0.5 * float(turn @ turn) - 0.5 * spread
 
 
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:

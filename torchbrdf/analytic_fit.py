@@ -48,8 +48,9 @@ _SCREENING_EVALUATIONS = 8
 """Of each start, on few cells, before the best go on."""
 
 _FINALISTS = 2
-_SCREENING_STEPS, _STEPS, _ALL = (2, 9, 22), (1, 3, 22), (1, 1, 1)
-"""Every how many cells of theta_h, theta_d and phi_d the screening and the fit look at, and the error."""
+_SCREENING_STEPS, _STEPS, _FINER_STEPS, _ALL = (2, 9, 22), (1, 3, 22), (1, 1, 22), (1, 1, 1)
+"""Every how many cells of theta_h, theta_d and phi_d the screening and the fit look at, what they look at where those
+cells hold nothing, and the error."""
 
 _JUDGE_SIZE = 48
 """Pixels along a side of the sphere by which metric="image" chooses."""
@@ -137,6 +138,8 @@ def fit_analytic(
         material = material.brdf(library)
     if uncertainty is not None and uncertainty.shape != (*GRID, 3):
         raise ValueError(f"uncertainty must be {(*GRID, 3)}, got {tuple(uncertainty.shape)}")
+    if uncertainty is not None and (unsound := int((~(uncertainty[material.valid] >= 0)).any(-1).sum())):
+        raise ValueError(f"uncertainty must be at least 0 in every measured cell; it is negative or NaN in {unsound}")
     search = _Search.of(model, shared, largest_angle_deg, most_evaluations, start)
     with serial_operations():
         return search.fit(material, metric, uncertainty)
@@ -203,7 +206,7 @@ def table_warnings(table: MerlTable) -> tuple[str, ...]:
 def most_alike(fits: Sequence[AnalyticFit], table: MerlTable) -> AnalyticFit:
     """The fit whose sphere under the embedded probe is most like the table's, by `image_residuals`."""
     transport = _judge()
-    shown = transport.render(table.filled[transport.cells])
+    shown = transport.render(table.filled.detach().cpu()[transport.cells])
     residuals = ImageResiduals.to(transport.view.unpack(shown.T), transport)
 
     def loss(fit: AnalyticFit) -> float:
@@ -257,22 +260,31 @@ class _Search:
         return replace(found, seconds=time.perf_counter() - began, warnings=remarks)
 
     def _fit(self, table: MerlTable, metric: str, uncertainty: Tensor | None) -> AnalyticFit:
-        def residuals(steps: tuple[int, int, int], dtype: torch.dtype = torch.float64) -> TableResiduals:
-            return TableResiduals.to(table, fit_cells(steps, self.largest_angle_deg, dtype), metric, uncertainty)
+        def residuals(*grids: tuple[int, int, int], dtype: torch.dtype = torch.float64) -> TableResiduals:
+            """On the first of the grids whose cells say anything: a table may have holes, or be a mirror."""
+            for steps in grids:
+                cells = fit_cells(steps, self.largest_angle_deg, dtype)
+                found = TableResiduals.to(table, cells, metric, uncertainty)
+                if found.any_light:
+                    return found
+            raise ValueError(
+                f"{table.name}: of the cells that a fit looks at, with directions below {self.largest_angle_deg:g} "
+                "degrees, none was measured, holds light and has a finite uncertainty; there is nothing to fit"
+            )
 
         starts, tried = self.starts, list[Minimum]()
         if len(starts) > _FINALISTS:
-            screen = residuals(_SCREENING_STEPS)
+            screen = residuals(_SCREENING_STEPS, _STEPS, _FINER_STEPS)
             tried = [minimise(self.variables, x, screen, _SCREENING_EVALUATIONS) for x in starts]
             starts = tuple(one.x for one in sorted(tried, key=lambda one: one.loss)[:_FINALISTS])
-        fine = residuals(_STEPS)
+        fine = residuals(_STEPS, _FINER_STEPS)
         ends = [minimise(self.variables, x, fine, self.most_evaluations) for x in starts]
         best = best_of(ends)
         return AnalyticFit(
             model=self.variables.model.name,
             parameters=self.variables.parameters(torch.from_numpy(best.x)),
             metric=metric,
-            error=self._error(best.x, residuals(_ALL, torch.float32)),
+            error=self._error(best.x, residuals(_ALL, dtype=torch.float32)),
             converged=best.converged,
             iterations=best.iterations,
             evaluations=sum(one.evaluations for one in (*tried, *ends)),

@@ -55,16 +55,21 @@ def fit_analytic_to_image(
     began = time.perf_counter()
     if method not in MOST_EVALUATIONS:
         raise ValueError(f"method must be {' or '.join(map(repr, MOST_EVALUATIONS))}, got {method!r}")
+    most = MOST_EVALUATIONS[method] if most_evaluations is None else most_evaluations
+    if most < 1:
+        raise ValueError(f"most_evaluations must be at least 1, got {most}")
     variables = FitVariables(model_of(model), shared)
+    image = _checked(image, view, mask)
     transport = transport or CellTransport.build(probe, view)
-    residuals = ImageResiduals.to(_checked(image, view, mask), transport, mask)
+    if not torch.equal(transport.view.mask, view.mask):
+        raise ValueError(f"the transport was built for {transport.view}, and the photograph shows {view}")
+    residuals = ImageResiduals.to(image, transport, mask)
     if isinstance(start, AnalyticFit):
         if start.model != model:
             raise ValueError(f"the start is a fit of {start.model}; give one of {model}, or model={start.model!r}")
         start = start.parameters
     starts = variables.starts if start is None else (variables.vector(start),)
     search = minimise if method == "least-squares" else descend
-    most = most_evaluations or MOST_EVALUATIONS[method]
     with serial_operations():
         ends = [search(variables, x, residuals, most) for x in starts]
     best = best_of(ends)

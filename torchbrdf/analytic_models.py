@@ -1,12 +1,16 @@
 """The analytic BRDFs by name, with their parameters and the bounds within which they are fitted."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from torchbrdf import microfacet
+from torchbrdf import ashikhmin_shirley, microfacet, ward
+from torchbrdf.metallic_roughness import metallic_roughness
+from torchbrdf.oren_nayar import oren_nayar
+from torchbrdf.plastic import rough_plastic
+from torchbrdf.principled import principled
 from torchbrdf.shading_geometry import ShadingGeometry
 
 Parameters = Mapping[str, Tensor]
@@ -82,17 +86,105 @@ class AnalyticModel:
                 )
 
 
-_ROUGHNESS_STARTS = (0.03, 0.1, 0.25, 0.5)
+_ROUGHNESS_STARTS = (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)
 
 DIFFUSE = Parameter("diffuse", 0.0, 1.0, 0.5, colour=True)
-F0 = Parameter("specular", 0.0, 1.0, 0.04, colour=True)
+SPECULAR_F0 = Parameter("specular", 0.0, 1.0, 0.04, colour=True)
+WEIGHT = Parameter("specular", 0.0, 10.0, 1.0, colour=True)
 ALPHA = Parameter("roughness", 1e-3, 1.0, 0.3, logarithmic=True, starts=_ROUGHNESS_STARTS)
+SLOPE = replace(ALPHA, upper=3.0)
+F0 = Parameter("f0", 0.0, 1.0, 0.04)
+ETA = Parameter("eta", 1.01, 100.0, 1.5, logarithmic=True)
+SHARPNESS = Parameter("sharpness", 1e-3, 1e6, 30.0, logarithmic=True, starts=(10.0, 100.0, 1e3, 1e4))
+
+BASE_COLOR = Parameter("base_color", 0.0, 1.0, 0.5, colour=True)
+METALLIC = Parameter("metallic", 0.0, 1.0, 0.1, starts=(0.1, 0.9))
+ROUGHNESS = Parameter("roughness", 0.032, 1.0, 0.5, starts=(0.17, 0.3, 0.5, 0.7))
+"""Its square is alpha, at least 0.001."""
+
+
+def _part(name: str) -> Parameter:
+    """A share; it starts small but not at 0, where what it scales has no slope."""
+    return Parameter(name, 0.0, 1.0, 0.1)
+
+
+_WARD = (DIFFUSE, replace(WEIGHT, default=0.05), SLOPE)
 
 MODELS: dict[str, AnalyticModel] = {
     model.name: model
     for model in (
         AnalyticModel("lambert", microfacet.lambert, (DIFFUSE,), "Lam60", energy_conserving=True),
-        AnalyticModel("ggx", microfacet.ggx, (DIFFUSE, F0, ALPHA), "WMLT07"),
+        AnalyticModel("ggx", microfacet.ggx, (DIFFUSE, SPECULAR_F0, ALPHA), "WMLT07"),
+        AnalyticModel("metallic-roughness", metallic_roughness, (BASE_COLOR, METALLIC, ROUGHNESS), "Khr21"),
+        AnalyticModel("ggx-dielectric", microfacet.ggx_dielectric, (DIFFUSE, WEIGHT, ETA, ALPHA), "WMLT07"),
+        AnalyticModel(
+            "rough-conductor",
+            microfacet.rough_conductor,
+            (
+                Parameter("eta", 0.02, 10.0, 1.0, colour=True, logarithmic=True),
+                Parameter("k", 0.0, 20.0, 3.0, colour=True),
+                ALPHA,
+            ),
+            "WMLT07",
+            energy_conserving=True,
+        ),
+        AnalyticModel(
+            "rough-plastic",
+            rough_plastic,
+            (DIFFUSE, replace(WEIGHT, upper=1.0), Parameter("eta", 1.01, 3.0, 1.5), ALPHA),
+            "WMLT07",
+            energy_conserving=True,
+        ),
+        AnalyticModel("cook-torrance", microfacet.cook_torrance, (DIFFUSE, WEIGHT, F0, SLOPE), "CT82"),
+        AnalyticModel(
+            "cook-torrance-dielectric", microfacet.cook_torrance_dielectric, (DIFFUSE, WEIGHT, ETA, SLOPE), "CT82"
+        ),
+        AnalyticModel("ward", ward.ward, _WARD, "War92"),
+        AnalyticModel("ward-duer", ward.ward_duer, _WARD, "Due06"),
+        AnalyticModel("ward-bounded", ward.ward_bounded, _WARD, "GMD10"),
+        AnalyticModel(
+            "ashikhmin-shirley", ashikhmin_shirley.ashikhmin_shirley, (DIFFUSE, WEIGHT, F0, SHARPNESS), "AS00"
+        ),
+        AnalyticModel(
+            "ashikhmin-shirley-dielectric",
+            ashikhmin_shirley.ashikhmin_shirley_dielectric,
+            (DIFFUSE, WEIGHT, ETA, SHARPNESS),
+            "LKYU12",
+        ),
+        AnalyticModel(
+            "ashikhmin-shirley-coupled",
+            ashikhmin_shirley.ashikhmin_shirley_coupled,
+            (DIFFUSE, SPECULAR_F0, SHARPNESS),
+            "AS00",
+            energy_conserving=True,
+        ),
+        AnalyticModel(
+            "low-microfacet",
+            microfacet.low_microfacet,
+            (
+                DIFFUSE,
+                Parameter("amplitude", 1e-4, 1e4, 5.0, colour=True, logarithmic=True, starts=(0.3, 10.0, 300.0)),
+                Parameter("width", 1.0, 1e7, 300.0, logarithmic=True, starts=(30.0, 1e3, 3e4)),
+                Parameter("decay", 0.01, 5.0, 1.3, logarithmic=True),
+                ETA,
+            ),
+            "LKYU12",
+        ),
+        AnalyticModel(
+            "principled",
+            principled,
+            (
+                BASE_COLOR,
+                ROUGHNESS,
+                METALLIC,
+                Parameter("specular", 1e-3, 1.0, 0.5),
+                *(_part(name) for name in ("spec_tint", "sheen", "sheen_tint", "flatness", "clearcoat")),
+                Parameter("clearcoat_gloss", 0.0, 1.0, 0.5),
+            ),
+            "Bur12",
+            channels_coupled=True,
+        ),
+        AnalyticModel("oren-nayar", oren_nayar, (DIFFUSE, Parameter("roughness", 0.0, 1.5, 0.3)), "ON94"),
     )
 }
 

@@ -76,7 +76,7 @@ class CellTransport:
         shape, place = (len(view.pixels), len(used)), (pixels.numpy(), column.numpy())
         red, green, blue = (coo_array((weight.numpy(), place), shape).tocsr() for weight in weights)
         middle = rows * GRID[2] + mean.round().long()
-        return cls(middle, ShadingGeometry.of_angles(*angles).to(torch.float32), (red, green, blue), view)
+        return cls(middle, ShadingGeometry.of_angles(*angles), (red, green, blue), view)
 
     def render(self, f_r: Tensor) -> Tensor:
         """(*batch, P, 3) radiance of f_r (*batch, M, 3) in 1/sr, float32; differentiable."""
@@ -93,14 +93,14 @@ class _Product(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
-        return _multiply([matrix.T for matrix in ctx.matrices], gradients[0]), None
+        return _Product.apply(gradients[0], [matrix.T for matrix in ctx.matrices]), None
 
 
 def _multiply(matrices: "Sequence[csr_array]", values: Tensor) -> Tensor:
     """(*batch, rows, 3) of values (*batch, columns, 3)."""
     flat = values.detach().reshape(-1, *values.shape[-2:]).numpy()
     products = [matrix @ np.ascontiguousarray(flat[..., c].T) for c, matrix in enumerate(matrices)]
-    return torch.from_numpy(np.stack(products)).permute(2, 1, 0).reshape(*values.shape[:-2], -1, 3)
+    return torch.from_numpy(np.stack(products)).permute(2, 1, 0).reshape(*values.shape[:-2], matrices[0].shape[0], 3)
 
 
 def _typical_columns() -> Tensor:

@@ -31,8 +31,9 @@ def descend(
     best, losses = start, list[float]()
     converged = False
     for evaluations in range(1, most_evaluations + 1):
-        x = lower + (upper - lower) * torch.sigmoid(logit)
-        loss = residuals.of(variables.evaluate(x, residuals.geometry)).double().square().sum()
+        with torch.enable_grad():
+            x = lower + (upper - lower) * torch.sigmoid(logit)
+            loss = residuals.of(variables.evaluate(x, residuals.geometry)).double().square().sum()
         if not history or loss.item() < history[-1].loss:
             history.append(Progress(evaluations, time.perf_counter() - began, loss.item()))
             best = x.detach().numpy().copy()

@@ -61,7 +61,11 @@ class HarmonicBasis:
         return replace(basis, probe=f"{self.probe.fingerprint} turned by {turn}")
 
     def image_at(self, weights: Tensor, rotation: Tensor | None = None) -> Tensor:
-        """(3, P): Y w under the turned probe, for weights (n, 3), without the other basis images."""
+        """(3, P): Y w under the turned probe, for weights (n, 3), without the other basis images.
+
+        Raises ValueError for other weights, or where rotation is none.
+        """
+        self._check(weights, rotation)
         return self._image(self._light.harmonics(rotation), weights)
 
     def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
@@ -69,18 +73,32 @@ class HarmonicBasis:
 
         Central differences over a third of a degree, as fine as the transport resolves: the light is bilinear between
         texels, and its derivative jumps. An image is linear in the light, so one image shows the difference of two.
+        Raises ValueError for other weights, or where rotation is none.
         """
-        changes = []
-        for axis in torch.eye(3, dtype=torch.float64):
+        self._check(weights, rotation)
+        changes: list[LightHarmonics] = []
+        for axis in torch.eye(3, dtype=torch.float64)[:2]:
             after, before = (
                 self._light.harmonics(rotation_of(sign * _STEP * axis) @ rotation.double()) for sign in (1, -1)
             )
-            light = [
+            changes.append([
                 ((a - b) / (2 * _STEP), (ia - ib) / (2 * _STEP))
                 for (a, ia), (b, ib) in zip(after, before, strict=True)
-            ]
-            changes.append(self._image(light, weights))
-        return torch.stack(changes)
+            ])  # fmt: skip
+        about_view: LightHarmonics = []
+        for light, multiple in self._light.harmonics(rotation):  # times exp(-i m angle), a turn about +Z
+            slope = torch.sin(torch.arange(len(light), device=light.device) * _STEP)[:, None, None] / _STEP
+            about_view.append((-slope * multiple, slope * light))
+        return torch.stack([self._image(light, weights) for light in (*changes, about_view)])
+
+    def _check(self, weights: Tensor, rotation: Tensor | None) -> None:
+        if weights.shape != (self.library.n, 3):
+            raise ValueError(
+                f"weights must be (n, 3) = ({self.library.n}, 3), a column for each channel of the image, "
+                f"got {tuple(weights.shape)}"
+            )
+        if rotation is not None:
+            checked_rotation(rotation)
 
     def _image(self, light: LightHarmonics, weights: Tensor) -> Tensor:
         if self._columns is not None:

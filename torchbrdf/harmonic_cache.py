@@ -19,10 +19,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 from tqdm import tqdm
 
-from torchbrdf.files import cache_folder, writing
+from torchbrdf.column_norms import column_norms
+from torchbrdf.files import cache_folder, check_room, writing
 from torchbrdf.harmonic import HarmonicTransport
 from torchbrdf.harmonic_grid import settings, zones
-from torchbrdf.harmonic_kernels import Band, Kernels, column_norms, compute_group, kernel_settings
+from torchbrdf.harmonic_kernels import Band, Kernels, compute_group, kernel_settings
 from torchbrdf.image_space import lasting
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.library_cache import StoredColumns
@@ -80,12 +81,7 @@ def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
         kernels = _read(path)
         if kernels is None:
             parts = path.with_suffix(".parts")
-            free = shutil.disk_usage(path.parent).free
-            if free < _HEADROOM:
-                raise OSError(
-                    f"{path.parent}: the harmonic transport needs {_HEADROOM / 1e9:.1f} GB, {free / 1e9:.2f} GB are "
-                    'free; make room, set TORCHBRDF_CACHE to another disk, or use backend="sampled"'
-                )
+            check_room(path.parent, _HEADROOM, "the harmonic transport", ', or use backend="sampled"')
             parts.mkdir(exist_ok=True)
             try:
                 built = _assembled(stored, parts, progress)

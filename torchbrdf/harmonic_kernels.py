@@ -18,10 +18,11 @@ from math import pi
 import torch
 from torch import Tensor
 
+from torchbrdf.column_norms import norm_settings
 from torchbrdf.directions import half_difference
 from torchbrdf.harmonic_grid import Zone
 from torchbrdf.library_cache import StoredColumns
-from torchbrdf.merl import GRID, N_CELLS, cell_index
+from torchbrdf.merl import GRID, cell_index
 from torchbrdf.splines import SUPPORT, spline_weights
 
 TOLERANCE = 2e-2
@@ -41,10 +42,6 @@ _AZIMUTHS = (64, 96, 128, 192)
 
 _MIXTURES = 128
 """Mixtures, at most, with which a group is computed before its final, smaller basis is known."""
-
-_NORM_SAMPLES = 1 << 19
-_NORM_RINGS = 16
-"""Directions, and ranges of normals, that tell the norms of columns."""
 
 _GRAM_CELLS = 1 << 15
 """Cells of MERL's grid that tell a group's first mixtures, about."""
@@ -135,7 +132,7 @@ def compute_group(stored: StoredColumns, zone: Zone, rings: range, norms: Tensor
 
 def kernel_settings() -> list[object]:
     """What the kernels depend on beside the library and the grid."""
-    return [TOLERANCE, BANDS, _TRIM, TEXEL_ROWS, _AZIMUTHS, _MIXTURES, _GRAM_CELLS, _NORM_SAMPLES, _NORM_RINGS]
+    return [TOLERANCE, BANDS, _TRIM, TEXEL_ROWS, _AZIMUTHS, _MIXTURES, _GRAM_CELLS, *norm_settings()]
 
 
 class _Group:
@@ -315,38 +312,3 @@ def _half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
     theta_h = theta_h.ravel().expand_as(angles[0])
     cells = torch.stack([cell_index(theta_h, angles[1], sign * angles[2]).long() for sign in (1, -1)])
     return _Samples(kernel, weights, cells, beta, delta)
-
-
-def column_norms(stored: StoredColumns) -> Tensor:
-    """(n,) float64: how small the image of a column can be, per unit of a Lambertian surface's, with albedo 1.
-
-    The smaller of two ratios: of kernels, root mean square (white noise for light, or one lamp), and of images under
-    uniform light. A Lambertian kernel is smooth, so smoothing the light weakens no error more than that kernel: an
-    error of the kernels below TOLERANCE times these norms stays below TOLERANCE under sources of any size between.
-    """
-    engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=0)
-    u = engine.draw(_NORM_SAMPLES).double()
-    gamma, phi = torch.asin(u[:, 0].sqrt()), 2 * pi * u[:, 2]
-    ring = (u[:, 0] * _NORM_RINGS).long()
-    cosine = 1 - 2 * u[:, 1]  # of beta
-    sine = (1 - cosine.square()).sqrt()
-    x, y, z = sine * torch.cos(phi), sine * torch.sin(phi), cosine
-    sg, cg = torch.sin(gamma), torch.cos(gamma)
-    w_i = torch.stack([x * cg - z * sg, y, x * sg + z * cg], -1)
-    w_o = torch.stack([-sg, torch.zeros_like(sg), cg], -1)
-    lit = w_i[:, 2] > 0
-    w_i, w_o, ring = w_i[lit], w_o[lit], ring[lit]
-    cell = cell_index(*half_difference(w_i, w_o)).long()
-    white = torch.zeros(N_CELLS, dtype=torch.float64).index_add_(0, cell, w_i[:, 2].square())
-    uniform = torch.zeros(_NORM_RINGS, N_CELLS).index_put_((ring, cell), w_i[:, 2].float(), accumulate=True)
-    n = stored.columns.shape[1]
-    power, brightness = torch.zeros(n, dtype=torch.float64), torch.zeros(_NORM_RINGS, n, dtype=torch.float64)
-    for cells in torch.nonzero(white).ravel().split(_ROWS_AT_ONCE):
-        rows = stored.columns[cells].float() * stored.scale.float()
-        power += (rows.square().T.double() @ white[cells])
-        brightness += (uniform[:, cells] @ rows).double()
-    lambert = torch.stack([white.sum().sqrt(), uniform.sum(1).double().norm()]) / pi
-    ratios = torch.stack([power.sqrt(), brightness.norm(dim=0)]) / lambert[:, None]
-    # The samples' density makes a mean over them 1 / (2 pi) of the integral over rings, elevations and azimuths.
-    kernel_norm = (2 * pi * white.sum() / _NORM_SAMPLES).sqrt() / pi
-    return ratios.amin(0).clamp_min(torch.finfo(torch.float32).tiny) * kernel_norm

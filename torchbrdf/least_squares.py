@@ -81,7 +81,7 @@ def minimise(variables: FitVariables, start: np.ndarray, residuals: Residuals, m
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         at = variables.linearise(x, residuals.geometry)
-        return variables.jacobian(residuals.along(at.f_r, at.tangents))
+        return variables.jacobian(residuals.along(at.f_r, at.tangents), at.signs)
 
     lower, upper = variables.bounds
     inside = np.clip(start, lower + _INSIDE * (upper - lower), upper - _INSIDE * (upper - lower))
@@ -96,7 +96,9 @@ def minimise(variables: FitVariables, start: np.ndarray, residuals: Residuals, m
         gtol=None,
         max_nfev=most_evaluations,
     )
-    return Minimum(solved.x, 2 * solved.cost, solved.status > 0, solved.njev, evaluations, tuple(history))
+    return Minimum(
+        solved.x, float(2 * solved.cost), bool(solved.status > 0), int(solved.njev), evaluations, tuple(history)
+    )
 
 
 def best_of(minima: Sequence[Minimum]) -> Minimum:

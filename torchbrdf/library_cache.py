@@ -23,6 +23,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.column_sources import ROW_CELLS, ColumnSource
+from torchbrdf.files import check_room
 from torchbrdf.merl import GRID, N_CELLS, nearest_measured
 
 FORMAT = 1
@@ -114,13 +115,7 @@ def _map(path: Path, access: int, n_materials: int) -> tuple[mmap.mmap, Tensor]:
 
 def _build_folder(source: ColumnSource, folder: Path, progress: bool) -> None:
     stamp = source.stamp
-    needed = 2 * N_CELLS * 3 * len(source.names)
-    free = shutil.disk_usage(folder.parent).free
-    if free < needed * 1.05:
-        raise OSError(
-            f"{folder.parent}: the library cache needs {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; "
-            "make room or set TORCHBRDF_CACHE to another disk"
-        )
+    check_room(folder.parent, 1.05 * 2 * N_CELLS * 3 * len(source.names), "the library cache")
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         with open(temporary / "columns.f16", "wb") as file:

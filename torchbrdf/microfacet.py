@@ -1,14 +1,20 @@
-"""Analytic BRDFs as pure functions of a geometry and of parameters that broadcast against its (..., 1) fields.
+"""Microfacet BRDFs as pure functions of a geometry and of parameters that broadcast against its (..., 1) fields.
 
-Each returns f_r in 1/sr without the cosine; what it gives below the horizon is finite and means nothing.
+Each returns f_r in 1/sr without the cosine; what it gives below the horizon is finite and means nothing. D is a
+distribution of microfacets with integral D cos theta_h dw = 1, F a Fresnel factor, and a visibility is
+G / (4 cos theta_i cos theta_o).
 """
 
 from math import pi
 
+import torch
 from torch import Tensor
 
+from torchbrdf import fresnel
 from torchbrdf.fresnel import schlick
 from torchbrdf.shading_geometry import ShadingGeometry
+
+_LEAST_COSINE = 1e-6
 
 
 def lambert(geometry: ShadingGeometry, diffuse: Tensor) -> Tensor:
@@ -22,6 +28,13 @@ def ggx_distribution(geometry: ShadingGeometry, roughness: Tensor) -> Tensor:
     return squared / (pi * (geometry.cos_h.square() * squared + geometry.sin2_h).square())
 
 
+def beckmann_distribution(geometry: ShadingGeometry, roughness: Tensor) -> Tensor:
+    """D = exp(-tan^2 theta_h / m^2) / (pi m^2 cos^4 theta_h), m = roughness [WMLT07, eq. 25]."""
+    squared = roughness.square()
+    tan2 = geometry.tan2_h
+    return (1 + tan2).square() * torch.exp(-tan2 / squared) / (pi * squared)
+
+
 def ggx_visibility(geometry: ShadingGeometry, roughness: Tensor) -> Tensor:
     """G / (4 cos theta_i cos theta_o), with Smith's separable G = G1(i) G1(o) of GGX [WMLT07, eq. 34]."""
     squared = roughness.square()
@@ -32,6 +45,16 @@ def ggx_visibility(geometry: ShadingGeometry, roughness: Tensor) -> Tensor:
     return 1 / (4 * half(geometry.cos_i) * half(geometry.cos_o))
 
 
+def v_groove_visibility(geometry: ShadingGeometry) -> Tensor:
+    """G / (4 cos theta_i cos theta_o), G = min(1, 2 cos theta_h min(cos theta_i, cos theta_o) / cos theta_d).
+
+    Source: [CT82].
+    """
+    cos_i, cos_o = geometry.cos_i, geometry.cos_o
+    grooves = geometry.cos_h / (2 * geometry.cos_d.clamp_min(_LEAST_COSINE) * torch.maximum(cos_i, cos_o))
+    return torch.minimum(1 / (4 * cos_i * cos_o), grooves)
+
+
 def ggx(geometry: ShadingGeometry, diffuse: Tensor, specular: Tensor, roughness: Tensor) -> Tensor:
     """Lambert and D F G / (4 cos theta_i cos theta_o), with GGX, separable Smith and Schlick's F [WMLT07, eq. 20].
 
@@ -39,4 +62,63 @@ def ggx(geometry: ShadingGeometry, diffuse: Tensor, specular: Tensor, roughness:
     roughness          alpha
     """
     lobe = ggx_distribution(geometry, roughness) * ggx_visibility(geometry, roughness)
-    return lambert(geometry, diffuse) + schlick(geometry.cos_d, specular) * lobe
+    return diffuse / pi + schlick(geometry.cos_d, specular) * lobe
+
+
+def ggx_dielectric(
+    geometry: ShadingGeometry, diffuse: Tensor, specular: Tensor, eta: Tensor, roughness: Tensor
+) -> Tensor:
+    """`ggx` with the exact F of a dielectric of index eta, and a weight `specular` of the lobe [WMLT07, eq. 20]."""
+    lobe = ggx_distribution(geometry, roughness) * ggx_visibility(geometry, roughness)
+    return diffuse / pi + specular * (fresnel.dielectric(geometry.cos_d, eta) * lobe)
+
+
+def rough_conductor(geometry: ShadingGeometry, eta: Tensor, k: Tensor, roughness: Tensor) -> Tensor:
+    """D F G / (4 cos theta_i cos theta_o), with GGX, separable Smith and the F of a metal of index eta - i k.
+
+    roughness  alpha
+
+    Mitsuba's `roughconductor` with distribution "ggx".
+    """
+    lobe = ggx_distribution(geometry, roughness) * ggx_visibility(geometry, roughness)
+    return fresnel.conductor(geometry.cos_d, eta, k) * lobe
+
+
+def cook_torrance(
+    geometry: ShadingGeometry, diffuse: Tensor, specular: Tensor, f0: Tensor, roughness: Tensor
+) -> Tensor:
+    """Lambert and specular D F G / (4 cos theta_i cos theta_o), with Beckmann, V-grooves and Schlick's F [CT82].
+
+    The paper divides by pi instead of 4, and its D is pi times ours: its specular is 1/4 of ours.
+
+    diffuse, specular  albedo, and weight of the lobe
+    f0                 F at normal incidence
+    roughness          m, root mean square slope
+    """
+    lobe = beckmann_distribution(geometry, roughness) * v_groove_visibility(geometry)
+    return diffuse / pi + specular * (schlick(geometry.cos_d, f0) * lobe)
+
+
+def cook_torrance_dielectric(
+    geometry: ShadingGeometry, diffuse: Tensor, specular: Tensor, eta: Tensor, roughness: Tensor
+) -> Tensor:
+    """`cook_torrance` with the exact F of a dielectric of index eta, as in the paper [CT82]."""
+    lobe = beckmann_distribution(geometry, roughness) * v_groove_visibility(geometry)
+    return diffuse / pi + specular * (fresnel.dielectric(geometry.cos_d, eta) * lobe)
+
+
+def low_microfacet(
+    geometry: ShadingGeometry, diffuse: Tensor, amplitude: Tensor, width: Tensor, decay: Tensor, eta: Tensor
+) -> Tensor:
+    """Lambert and F S G / (cos theta_i cos theta_o), S = A / (1 + B (1 - cos theta_h))^C.
+
+    G is that of V-grooves, F that of a dielectric. S is no distribution: its integral depends on all of A, B and C.
+
+    amplitude, width, decay  A, B and C
+    eta                      index of refraction
+
+    Source: [LKYU12, eq. 15].
+    """
+    fall = torch.exp(-decay * torch.log1p(width * geometry.versine_h))
+    lobe = 4 * fresnel.dielectric(geometry.cos_d, eta) * v_groove_visibility(geometry) * fall
+    return diffuse / pi + amplitude * lobe

@@ -7,7 +7,7 @@ change of the image as the light turns counts where no weights can imitate it.
 """
 
 from dataclasses import dataclass
-from math import radians
+from math import log, radians
 
 import torch
 from torch import Tensor
@@ -51,13 +51,17 @@ class Trial:
 class Summit:
     """Where a climb ended.
 
-    trial      the best
-    precision  (3, 3) float64: minus the second derivatives of the log posterior by turns about +X, +Y, +Z, 1/radian^2
-    converged  whether the last step was short enough
+    trial         the best
+    precision     (3, 3) float64: minus the second derivatives of the log posterior by turns about +X, +Y, +Z,
+                  1/radian^2
+    log_evidence  of all rotations around it together, each weighted by the prior around where the climb began: the
+                  log posterior at the best, and the volume of the Gaussian of `precision` over the prior's (Laplace)
+    converged     whether the last step was short enough; not where steps ran out, or none of any length led higher
     """
 
     trial: Trial
     precision: Tensor
+    log_evidence: float
     converged: bool
 
 
@@ -106,6 +110,10 @@ class RotationSearch:
         def log_posterior(trial: Trial) -> float:
             return trial.log_evidence - 0.5 * float(turn(trial) @ prior @ turn(trial))
 
+        def summit(trial: Trial, precision: Tensor, converged: bool) -> Summit:
+            volume = -0.5 * (float(torch.logdet(precision)) + 6 * log(self.expected))
+            return Summit(trial, precision, log_posterior(trial) + volume, converged)
+
         best, damping = start, 0.0
         for _ in range(_MOST_STEPS):
             gradient, precision = self._slope(best)
@@ -113,14 +121,15 @@ class RotationSearch:
             while True:
                 step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
                 step = step * min(1.0, _LONGEST_STEP / max(float(step.norm()), 1e-12))
-                if float(step.norm()) < _SMALLEST_STEP or damping > _MOST_DAMPING:
-                    return Summit(best, precision, True)
+                short = float(step.norm()) < _SMALLEST_STEP
+                if short or damping > _MOST_DAMPING:
+                    return summit(best, precision, short)
                 new = self.trial(rotation_of(step) @ best.rotation)
                 if log_posterior(new) > log_posterior(best):
                     break
                 damping = max(_FIRST_DAMPING, 4 * damping)
             best, damping = new, damping / 4
-        return Summit(best, precision, False)
+        return summit(best, precision, False)
 
     def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
         """First (3,) and minus second derivatives (3, 3) of the log evidence by turns, with the best prior and penalty.

@@ -29,6 +29,22 @@ class ShadingGeometry:
     cos_d: Tensor
     above: Tensor
 
+    @property
+    def tan2_h(self) -> Tensor:
+        """Squared tangent of theta_h, at most 1e12."""
+        return self.sin2_h / self.cos_h.square().clamp_min(_HORIZON**2)
+
+    @property
+    def log_cos_h(self) -> Tensor:
+        """Logarithm of cos theta_h, at least log 1e-6; exact near theta_h = 0, for high powers of the cosine."""
+        near = torch.log1p(-self.sin2_h.clamp_max(0.5)) / 2
+        return torch.where(self.sin2_h < 0.5, near, torch.log(self.cos_h.clamp_min(_HORIZON)))
+
+    @property
+    def versine_h(self) -> Tensor:
+        """1 - cos theta_h, exact near theta_h = 0."""
+        return self.sin2_h / (1 + self.cos_h)
+
     @classmethod
     def of_angles(cls, theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> "ShadingGeometry":
         """Of half/difference angles in radians, broadcast against each other to (...), in their precision."""

@@ -63,14 +63,24 @@ class TableResiduals:
     @classmethod
     def to(cls, table: MerlTable, cells: FitCells, metric: str, uncertainty: Tensor | None) -> "TableResiduals":
         """From a model to a table; uncertainty (90, 90, 180, 3) of f_r in 1/sr makes cells count less."""
-        f_r = table.values.reshape(N_CELLS, 3)[cells.index].clamp_min(0).to(cells.cos_i.dtype)
-        measured = table.valid.ravel()[cells.index, None]
-        values = torch.where(measured, METRICS[metric](f_r * cells.cos_i), 0)
+        measured = table.valid.ravel().cpu()[cells.index, None]
+
+        def of_cells(everywhere: Tensor) -> Tensor:
+            chosen = everywhere.detach().cpu().reshape(N_CELLS, 3)[cells.index].to(cells.cos_i.dtype)
+            return torch.where(measured, chosen, 0)
+
+        f_r = of_cells(table.values).clamp_min(0)
+        values = METRICS[metric](f_r * cells.cos_i)
         weights = (cells.measure * measured).expand(-1, 3)
         if uncertainty is not None:
-            share = uncertainty.reshape(N_CELLS, 3)[cells.index].to(f_r) / f_r.clamp_min(_DARKEST)
+            share = of_cells(uncertainty) / f_r.clamp_min(_DARKEST)
             weights = weights / (1 + (share / MODEL_ERROR).square())
         return cls(cells, metric, values, (weights / (weights * values.square()).sum()).sqrt())
+
+    @property
+    def any_light(self) -> bool:
+        """Some cell was measured, is not black and has a weight; else the roots are not finite."""
+        return bool(self.roots.isfinite().all())
 
     @property
     def geometry(self) -> ShadingGeometry:
@@ -83,5 +93,7 @@ class TableResiduals:
 
     def along(self, f_r: Tensor, tangents: Tensor) -> Tensor:
         """(S, C, 3): derivatives of `of` at f_r along tangents (S, C, 3)."""
-        slope = torch.func.jvp(self.of, (f_r,), (torch.ones_like(f_r),))[1]  # elementwise, so one slope serves all
+        with torch.enable_grad():
+            at = f_r.detach().requires_grad_()
+            (slope,) = torch.autograd.grad(self.of(at).sum(), at)  # elementwise, so one slope serves all
         return slope * tangents
