@@ -12,11 +12,10 @@ from torch import Tensor
 from torchbrdf.analytic_models import AnalyticModel, Parameter, Parameters
 from torchbrdf.shading_geometry import ShadingGeometry
 
-
 _STEP = 1e-7
 """Of the differences that stand for derivatives, in float64: wrong by some 1e-7, which a least-squares step never sees.
 
-Forward differentiation takes up to five times as long: torch asks a Python function for the shape of every zero tangent.
+Forward differentiation takes three times as long: torch asks a Python function for the shape of every zero tangent.
 """
 
 
