@@ -54,19 +54,23 @@ def run(options: argparse.Namespace) -> int:
     files = published_files(options.fits)
     places = {"library_path": str(options.library.resolve()), "fits": str(options.fits.resolve())}
     published = {name: read_published(path) for name, path in files.items()}
+    lobes = {name: next(iter(fits.values())) for name, fits in published.items()}
+    groups: dict[str, list[str]] = {}
+    for name, fit in lobes.items():  # ours of one model serve all files of it
+        groups.setdefault(fit.model or fit.lobe, []).append(name)
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files.values()}
     tasks = {
-        (name, material): Task(
-            f"{name}-{material}",
+        (group, material): Task(
+            f"{group}-{material}",
             {
                 "library": library.source,
                 "material": material,
-                "file": path.name,
-                "digest": hashlib.sha256(path.read_bytes()).hexdigest(),
+                "files": {files[name].name: digests[files[name].name] for name in names},
             },
             places,
         )
-        for name, path in files.items()
-        for material in published[name]
+        for group, names in groups.items()
+        for material in published[names[0]]
         if material in library.names
     }
     found = sweep(
@@ -75,13 +79,21 @@ def run(options: argparse.Namespace) -> int:
     head = "| file | model | materials | metric | published, median | ours, median | ours as good in | ours worst by |"
     lines = [head, "|---|---|---:|---|---:|---:|---:|---:|"]
     failed: list[Any] = []
-    for name in files:
-        rows = {material: found[task.name] for (file, material), task in tasks.items() if file == name}
-        model = next(iter(published[name].values())).model
-        for metric in METRICS:
-            pairs = {material: (row[metric]["published"], row[metric]["ours"]) for material, row in rows.items()}
-            lines.append(line(name, model, metric, pairs))
-            failed += [(name, material, metric) for material, row in rows.items() if row[metric]["converged"] is False]
+    for group, names in groups.items():
+        rows = {material: found[task.name] for (one, material), task in tasks.items() if one == group}
+        for name in names:
+            for metric in METRICS:
+                pairs = {
+                    material: (row[metric]["published"][files[name].name], row[metric]["ours"])
+                    for material, row in rows.items()
+                }
+                lines.append(line(name, lobes[name].model, metric, pairs))
+        failed += [
+            (group, material, metric)
+            for metric in METRICS
+            for material, row in rows.items()
+            if row[metric]["converged"] is False
+        ]
     lines.append(f"\nNot converged: {len(failed)} of ours" + "".join(f"; {' '.join(one)}" for one in failed[:20]) + ".")
     with writing(options.output / "published_fits.md") as path:
         path.write_text("\n".join(lines) + "\n")

@@ -3,6 +3,7 @@
 A pure function that runs in any process of a sweep.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,19 +24,22 @@ def published_error(fit: PublishedFit, table: MerlTable, metric: str) -> float:
     return float(residuals.of(fit.f_r(cells.geometry).float()).double().square().sum().sqrt())
 
 
-def compare_case(library: str, material: str, file: str, digest: str, library_path: str, fits: str) -> dict[str, Any]:
-    """Errors of a published fit and of ours with the same model, in every metric.
+def compare_case(
+    library: str, material: str, files: Mapping[str, str], library_path: str, fits: str
+) -> dict[str, dict[str, Any]]:
+    """Errors of published fits of one model and of ours, in every metric.
 
-    file     of published fits, in the folder `fits`; digest of its content
-    returns  metric -> published, ours (None where torchbrdf lacks the model), converged
+    files    of published fits, in the folder `fits` -> digests of their content
+    returns  metric -> published, a mapping of files; ours (None where torchbrdf lacks the model); converged
     """
     table = open_library(library_path, library).table(material)
-    fit = read_published(Path(fits) / file)[material]
+    published = {file: read_published(Path(fits) / file)[material] for file in files}
+    model = next(iter(published.values())).model
     found = {}
     for metric in METRICS:
-        ours = None if fit.model is None else fit_analytic(table, fit.model, metric)
+        ours = None if model is None else fit_analytic(table, model, metric)
         found[metric] = {
-            "published": published_error(fit, table, metric),
+            "published": {file: published_error(fit, table, metric) for file, fit in published.items()},
             "ours": None if ours is None else ours.error,
             "converged": None if ours is None else ours.converged,
         }

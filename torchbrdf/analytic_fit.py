@@ -44,6 +44,9 @@ LARGEST_ANGLE_DEG = 80.0
 """Pairs with a direction further from the normal do not count: measurements there are poor [NDM05]."""
 
 MOST_EVALUATIONS = 200
+POOR = 0.5
+"""Relative error above which a fit warns: of a mirror, say, of which a lobe has nothing."""
+
 _SCREENING_EVALUATIONS = 8
 """Of each start, on few cells, before the best go on."""
 
@@ -180,7 +183,7 @@ def serial_operations() -> Iterator[int]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with threadpool_limits(1, user_api="blas"), warnings.catch_warnings():
+        with threadpool_limits(1, user_api="blas"), warnings.catch_warnings(), torch.inference_mode(False):
             # Forward differentiation makes torch script functions of its own, of which it then warns.
             warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", FutureWarning)
             yield threads
@@ -190,7 +193,7 @@ def serial_operations() -> Iterator[int]:
 
 def table_warnings(table: MerlTable) -> tuple[str, ...]:
     """What a fit of a table should say about it. Raises ValueError where it is zero everywhere."""
-    measured = table.values[table.valid]
+    measured = table.values.detach()[table.valid]
     if not bool((measured > 0).any()):
         raise ValueError(f"{table.name}: f_r is zero in every measured cell; there is nothing to fit")
     found = []
@@ -257,6 +260,8 @@ class _Search:
         if not found.converged:
             advice = "raise most_evaluations, or start elsewhere"
             remarks = (*remarks, f"not converged after {self.most_evaluations} evaluations; {advice}")
+        if found.error > POOR:
+            remarks = (*remarks, f"a relative error of {found.error:.0%}: {found.model} cannot be such a material")
         return replace(found, seconds=time.perf_counter() - began, warnings=remarks)
 
     def _fit(self, table: MerlTable, metric: str, uncertainty: Tensor | None) -> AnalyticFit:

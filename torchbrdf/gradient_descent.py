@@ -27,13 +27,14 @@ def descend(
     share = ((torch.from_numpy(start) - lower) / (upper - lower)).clamp(_INSIDE, 1 - _INSIDE)
     logit = torch.logit(share).requires_grad_()
     optimiser = torch.optim.Adam([logit], lr=rate)
+    geometry = residuals.geometry.to(torch.float32)  # as precise as a gradient need be, and faster
     began, history = time.perf_counter(), list[Progress]()
     best, losses = start, list[float]()
     converged = False
     for evaluations in range(1, most_evaluations + 1):
         with torch.enable_grad():
             x = lower + (upper - lower) * torch.sigmoid(logit)
-            loss = residuals.of(variables.evaluate(x, residuals.geometry)).double().square().sum()
+            loss = residuals.of(variables.evaluate(x, geometry)).double().square().sum()
         if not history or loss.item() < history[-1].loss:
             history.append(Progress(evaluations, time.perf_counter() - began, loss.item()))
             best = x.detach().numpy().copy()

@@ -14,6 +14,9 @@ from torchbrdf.shading_geometry import ShadingGeometry
 MODEL_ERROR = 0.1
 """What an analytic model misses of a material anyway: an uncertainty of this share halves the weight of a cell."""
 
+_SHIFTS = (5, 8)
+"""Cells of phi_d by which the next row and column of chosen cells are shifted."""
+
 _DARKEST = 1e-6
 """In 1/sr: cells darker than this have no relative uncertainty."""
 
@@ -36,11 +39,17 @@ class FitCells:
 
 @lru_cache(maxsize=6)
 def fit_cells(steps: tuple[int, int, int], largest_angle_deg: float, dtype: torch.dtype) -> FitCells:
-    """Every so many cells along theta_h, theta_d and phi_d, without those whose directions are beyond an angle."""
+    """One of so many cells along theta_h, theta_d and phi_d, without those whose directions are beyond an angle.
+
+    Rows and columns are shifted against each other, so that every theta_d and phi_d is looked at in some row.
+    """
     inside = incident_cosine() > cos(radians(largest_angle_deg))
     inside &= inside.flip(2)  # the cell of the reversed pair
-    chosen = torch.zeros(GRID, dtype=torch.bool)
-    chosen[tuple(slice(step // 2, None, step) for step in steps)] = True
+    h, d, p = (torch.arange(size) for size in GRID)
+    row = (h // steps[0])[:, None]
+    column = (d + row) // steps[1]
+    chosen = ((h % steps[0] == steps[0] // 2)[:, None] & ((d + row) % steps[1] == steps[1] // 2))[..., None]
+    chosen = chosen & ((p + _SHIFTS[0] * row[..., None] + _SHIFTS[1] * column[..., None]) % steps[2] == steps[2] // 2)
     index = torch.nonzero((chosen & inside).ravel()).ravel()
     angles = (angle.expand(GRID).reshape(-1)[index] for angle in cell_centres())
     cos_i, measure = (values.ravel()[index, None].to(dtype) for values in (incident_cosine(), cell_measure()))
