@@ -45,8 +45,8 @@ def starts_sheet(
     """A row for each measured material: photograph, and under another light the truth, both starts, both ends."""
     size = Target.open(targets / observed.stem / f"{materials[0]}.exr").size
     view = tb.SphereView(size)
-    probe = tb.LightProbe.open(observed)
-    lit, new = (CellTransport.build(light, view, 4096) for light in (probe, tb.LightProbe.open(other)))
+    probe, light = tb.LightProbe.open(observed), tb.LightProbe.open(other)
+    lit, new = (CellTransport.build(one, view, 4096) for one in (probe, light))
     estimate = tb.BRDFEstimator(tb.render_basis(library, probe, view), tb.MaterialClasses.fit(library))
     model, rows = model_of("ggx"), {}
     for name in materials:
@@ -62,7 +62,7 @@ def starts_sheet(
         ]
         parameters = [model.defaults, ends[0].parameters, start.parameters, ends[1].parameters]
         images = [truth, *(picture(new, model.evaluate(one, new.geometry)) for one in parameters)]
-        images.append(picture(new, result.brdf(library).filled[new.cells].float()))
+        images.append(tb.render(result.brdf(library), light, view))
         scale = exposure([truth])
         first = on_white(photograph, view.mask, exposure([photograph]))
         rows[name] = [first, *shown(images, view.mask, scale)]
@@ -71,6 +71,7 @@ def starts_sheet(
 
 
 def run(options: argparse.Namespace) -> None:
+    options.output.mkdir(parents=True, exist_ok=True)
     library = tb.MaterialLibrary.from_merl(options.library)
     models_sheet(library, tb.LightProbe.open(options.probes / "uffizi.hdr"), options.output / "analytic_models.png")
     starts_sheet(

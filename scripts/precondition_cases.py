@@ -44,9 +44,13 @@ def open_probe(path: str, fingerprint: str) -> tb.LightProbe:
 
 
 @lru_cache
+def basis_images(library: tb.MaterialLibrary, path: str, fingerprint: str, size: int) -> tb.BasisImages:
+    return tb.render_basis(library, open_probe(path, fingerprint), tb.SphereView(size))
+
+
+@lru_cache
 def estimator(library: tb.MaterialLibrary, path: str, fingerprint: str, size: int) -> tb.BRDFEstimator:
-    basis = tb.render_basis(library, open_probe(path, fingerprint), tb.SphereView(size))
-    return tb.BRDFEstimator(basis, tb.MaterialClasses.fit(library))
+    return tb.BRDFEstimator(basis_images(library, path, fingerprint, size), tb.MaterialClasses.fit(library))
 
 
 def random_parameters(model: str, seed: int, count: int) -> list[dict[str, Tensor]]:
@@ -99,19 +103,24 @@ def precondition(
     clean = view.pack(truth[observed]).double()
     photograph = view.unpack(noisy_observations(clean, [noise], f"{seed} {material} {observed}")[0]).float()
 
-    def novel_error(f_r: Mapping[str, Tensor]) -> float:
-        new = [name for name in lights if name != observed]
-        return sum(relative_rms(picture(lights[name], f_r[name]), truth[name], view.mask) for name in new) / len(new)
+    def novel_error(pictures: Mapping[str, Tensor]) -> float:
+        errors = [relative_rms(image, truth[name], view.mask) for name, image in pictures.items()]
+        return sum(errors) / len(errors)
 
     def error_of(fit: AnalyticFit) -> float:
-        return novel_error({name: chosen.evaluate(fit.parameters, one.geometry) for name, one in lights.items()})
+        new = {name: one for name, one in lights.items() if name != observed}
+        f_r = {name: chosen.evaluate(fit.parameters, one.geometry) for name, one in new.items()}
+        return novel_error({name: picture(one, f_r[name]) for name, one in new.items()})
 
     estimate = estimator(whole, probe_paths[observed], probes[observed], size)
     began = time.perf_counter()
     result = estimate(photograph)
     fit = fit_analytic(result, model, library=whole)
     seconds_before = time.perf_counter() - began
-    table = result.brdf(whole)
+    reconstructed = {}
+    for name in [name for name in probes if name != observed]:
+        basis = basis_images(whole, probe_paths[name], probes[name], size)
+        reconstructed[name] = basis.unpack(torch.einsum("nc,ncp->cp", result.weights, basis.packed))
     starts = {"default": chosen.defaults, "reconstruction": fit.parameters}
     starts |= {f"random {i}": one for i, one in enumerate(random_parameters(model, 1000 + seed, random_starts))}
     runs = []
@@ -138,7 +147,7 @@ def precondition(
                 }
             )
     return {
-        "reconstruction_error": novel_error({name: table.filled[one.cells] for name, one in lights.items()}),
+        "reconstruction_error": novel_error(reconstructed),
         "fit_error": error_of(fit),
         "seconds_before": seconds_before,
         "runs": runs,

@@ -130,7 +130,7 @@ def fit_analytic(
     start        parameters to start from, (1,) or (3,) each; None: several starts
     uncertainty  (90, 90, 180, 3) standard deviation of f_r in 1/sr: uncertain cells count less
     largest_angle_deg  pairs with a direction further from the normal do not count
-    most_evaluations   of the model from each start
+    most_evaluations   of the model from each of the two best starts; the choice takes 8 more of every start
     Raises ValueError for an unknown model or metric, a table that is zero everywhere, or arguments that do not fit.
     """
     if isinstance(material, Reconstruction):
@@ -184,7 +184,7 @@ def serial_operations() -> Iterator[int]:
     torch.set_num_threads(1)
     try:
         with threadpool_limits(1, user_api="blas"), warnings.catch_warnings(), torch.inference_mode(False):
-            # Forward differentiation makes torch script functions of its own, of which it then warns.
+            # torch.func, which rough-plastic needs, makes torch script functions of its own, of which torch then warns.
             warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", FutureWarning)
             yield threads
     finally:
@@ -209,7 +209,7 @@ def table_warnings(table: MerlTable) -> tuple[str, ...]:
 def most_alike(fits: Sequence[AnalyticFit], table: MerlTable) -> AnalyticFit:
     """The fit whose sphere under the embedded probe is most like the table's, by `image_residuals`."""
     transport = _judge()
-    shown = transport.render(table.filled.detach().cpu()[transport.cells])
+    shown = transport.render(transport.values(table))
     residuals = ImageResiduals.to(transport.view.unpack(shown.T), transport)
 
     def loss(fit: AnalyticFit) -> float:

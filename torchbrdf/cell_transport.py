@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.analytic_models import model_of
-from torchbrdf.merl import GRID, N_CELLS, above_horizon, cell_centres, nearest_measured
+from torchbrdf.merl import GRID, N_CELLS, MerlTable, above_horizon, cell_centres, nearest_measured
 from torchbrdf.probe import LightProbe
 from torchbrdf.shading_geometry import ShadingGeometry
 from torchbrdf.transport import plan_transport
@@ -77,6 +77,11 @@ class CellTransport:
         red, green, blue = (coo_array((weight.numpy(), place), shape).tocsr() for weight in weights)
         middle = rows * GRID[2] + mean.round().long()
         return cls(middle, ShadingGeometry.of_angles(*angles), (red, green, blue), view)
+
+    def values(self, table: MerlTable) -> Tensor:
+        """(M, 3): f_r of a table in our cells, the mean of MERL's cell and of that at 180 degrees - phi_d."""
+        filled, phi_d = table.filled.detach().cpu(), self.cells % GRID[2]
+        return (filled[self.cells] + filled[self.cells - phi_d + (GRID[2] - 1 - phi_d)]) / 2
 
     def render(self, f_r: Tensor) -> Tensor:
         """(*batch, P, 3) radiance of f_r (*batch, M, 3) in 1/sr, float32; differentiable."""
