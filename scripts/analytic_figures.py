@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The pictures of docs/analytic.md: analytic fits beside the tables, and inverse rendering from two starts.
 
-    python scripts/analytic_figures.py --library merl --targets targets
+    python scripts/analytic_figures.py --library merl --targets targets --materials MATERIAL [...]
 """
 
 import argparse
@@ -25,6 +25,7 @@ STEPS = 150
 
 
 def shown(images: Sequence[Tensor], mask: Tensor, scale: float) -> list[Tensor]:
+    """Pictures of a row at one exposure."""
     return [on_white(image, mask, scale) for image in images]
 
 

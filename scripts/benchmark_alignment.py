@@ -22,7 +22,7 @@ from typing import Any
 
 import torch
 from alignment_cases import align_case
-from targets import RESUMABLE, SHARED, Target, exit_status, open_probes, read_targets
+from targets import RESUMABLE, SHARED, Target, exit_status, open_probes, read_targets, sweep_options
 
 import torchbrdf as tb
 from torchbrdf.files import writing
@@ -136,8 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--library", type=Path, help="folder of MERL tables; default: the embedded library")
     parser.add_argument("--noise", type=float, default=1.0, help="of a pixel, in per cent; default: 1")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
-    parser.add_argument("--processes", type=int, default=2, help="on this machine; default: 2")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
+    sweep_options(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the cases and alignment.md")
     return exit_status("benchmark_alignment", run, parser.parse_args(argv), RESUMABLE)
 

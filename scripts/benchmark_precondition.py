@@ -6,23 +6,24 @@
 
 An analytic BRDF is fitted to one photograph, through our transport, from the usual start, from random ones, and from
 the fit to our reconstruction. Photographs show measured materials, rendered by Mitsuba, and materials that are the
-model itself. A run succeeds where it reaches 1.05 times the best loss that any run reached on its photograph; it is
-told how many evaluations and seconds that took. Errors are those of re-renderings under the probes that were not
+model itself. A run has arrived where its loss is at most 1.05 times the best of any run on its photograph; the table
+says after how many evaluations and seconds. Errors are those of re-renderings under the probes that were not
 photographed.
 
 OUT holds one file a finished case: run the same command again to continue.
 """
 
 import argparse
+import statistics
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Any, get_args
 
-import torch
 from precondition_cases import precondition
-from targets import RESUMABLE, SHARED, exit_status, open_probes, read_targets
+from targets import RESUMABLE, SHARED, exit_status, open_probes, read_targets, sweep_options
 
 import torchbrdf as tb
 from torchbrdf.analytic_image_fit import Method
@@ -65,7 +66,7 @@ def runs_of(case: Row) -> list[Run]:
 
 
 def median(values: Sequence[float]) -> float:
-    return float(torch.tensor(values, dtype=torch.float64).quantile(0.5)) if values else float("nan")
+    return statistics.median(values) if values else nan
 
 
 def line(name: str, method: str, kind: str, runs: Sequence[Run], limit: int) -> str:
@@ -195,8 +196,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--random-starts", type=int, default=3, help="beside the usual one; default: 3")
     parser.add_argument("--noise", type=float, default=1.0, help="of a pixel, in per cent; default: 1")
     parser.add_argument("--seed", type=int, default=0, help="of the noise and of the random starts")
-    parser.add_argument("--processes", type=int, default=2, help="on this machine; default: 2")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
+    sweep_options(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the cases and precondition.md")
     return exit_status("benchmark_precondition", run, parser.parse_args(argv), RESUMABLE)
 

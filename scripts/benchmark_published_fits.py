@@ -13,12 +13,12 @@ import hashlib
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
-import torch
 from published_cases import compare_case
 from published_fits import FITS, published_files, read_published
-from targets import RESUMABLE, exit_status
+from targets import RESUMABLE, exit_status, sweep_options
 
 import torchbrdf as tb
 from torchbrdf.brdf_metrics import METRICS
@@ -29,10 +29,6 @@ from torchbrdf.sweep import Task, sweep
 def fitted_in(name: str) -> str:
     """The metric for which a file was fitted: [NDM05] and E1 of [LKYU12] are L2, E2 is the logarithm."""
     return "log" if name.endswith("_E2") else "l2"
-
-
-def median(values: Sequence[float]) -> float:
-    return float(torch.tensor(values, dtype=torch.float64).quantile(0.5))
 
 
 def line(name: str, model: str | None, metric: str, pairs: Mapping[str, tuple[float, float | None]]) -> str:
@@ -105,8 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL tables")
     parser.add_argument("--fits", type=Path, default=FITS, help="folder of .fit files")
-    parser.add_argument("--processes", type=int, default=2, help="on this machine; default: 2")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
+    sweep_options(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the cases and published_fits.md")
     return exit_status("benchmark_published_fits", run, parser.parse_args(argv), RESUMABLE)
 

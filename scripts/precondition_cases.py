@@ -3,6 +3,7 @@
 Pure functions that run in any process of a sweep; what is slow to open is remembered by each process.
 """
 
+import hashlib
 import time
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -101,7 +102,8 @@ def precondition(
         truth = {name: picture(one, chosen.evaluate(parameters, one.geometry)) for name, one in sources.items()}
     view = lights[observed].view
     clean = view.pack(truth[observed]).double()
-    photograph = view.unpack(noisy_observations(clean, [noise], f"{seed} {material} {observed}")[0]).float()
+    key = f"{seed} {material} {observed}"
+    photograph = view.unpack(noisy_observations(clean, [noise], key)[0]).float()
 
     def novel_error(pictures: Mapping[str, Tensor]) -> float:
         errors = [relative_rms(image, truth[name], view.mask) for name, image in pictures.items()]
@@ -122,7 +124,8 @@ def precondition(
         basis = basis_images(whole, probe_paths[name], probes[name], size)
         reconstructed[name] = basis.unpack(torch.einsum("nc,ncp->cp", result.weights, basis.packed))
     starts = {"default": chosen.defaults, "reconstruction": fit.parameters}
-    starts |= {f"random {i}": one for i, one in enumerate(random_parameters(model, 1000 + seed, random_starts))}
+    draws = random_parameters(model, int.from_bytes(hashlib.sha256(key.encode()).digest()[:4]), random_starts)
+    starts |= {f"random {i}": one for i, one in enumerate(draws)}
     runs = []
     for method in methods:
         for name, start in starts.items():

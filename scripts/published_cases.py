@@ -20,8 +20,7 @@ from torchbrdf.table_residuals import TableResiduals, fit_cells
 def published_error(fit: PublishedFit, table: MerlTable, metric: str) -> float:
     """E of `analytic_fit` over all cells."""
     cells = fit_cells((1, 1, 1), LARGEST_ANGLE_DEG, torch.float32)
-    residuals = TableResiduals.to(table, cells, metric, None)
-    return float(residuals.of(fit.f_r(cells.geometry).float()).double().square().sum().sqrt())
+    return TableResiduals.of_table(table, cells, metric).error(fit.f_r(cells.geometry).float())
 
 
 def compare_case(

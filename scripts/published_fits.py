@@ -1,4 +1,4 @@
-"""The analytic fits to MERL that were published by Ngan et al. [NDM05] and Low et al. [LKYU12], and how well they fit.
+"""The analytic fits to MERL that were published by Ngan et al. [NDM05] and Low et al. [LKYU12], read and evaluated.
 
 A `.fit` file of Peers' BBM names a material and an aggregate of a Lambertian and a lobe on each line:
 
@@ -7,30 +7,25 @@ A `.fit` file of Peers' BBM names a material and an aggregate of a Lambertian an
 The definitions are BBM's, with two changes that the tables of MERL ask for. Blinn-Phong is a power of cos theta_h, not
 of the cosine to the mirror direction: the median error of the cube root is 0.160 instead of 0.172. And the fits of
 [NDM05] lack the factors 1, 1.15 and 1.66 of MERL's channels: the albedos of Cook-Torrance are 0.98, 0.85 and 0.59 of
-those in [LKYU12], and with the factors Ashikhmin-Shirley, for one, is off by 0.115 instead of 0.154.
+those in [LKYU12], and with the factors Ashikhmin-Shirley, for one, is off by 0.115 instead of 0.154. How well all fit:
+scripts/benchmark_published_fits.py.
 
 Where a lobe is a model of torchbrdf but for constants, it is evaluated as that model. NganHe is left out: it needs
 series that torchbrdf has no other use for.
-
-    python scripts/published_fits.py MERL_DIRECTORY
 """
 
-import argparse
 import ast
-import statistics
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from math import cos, pi, radians
+from math import pi
 from pathlib import Path
 
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.analytic_models import MODELS
-from torchbrdf.brdf_metrics import METRICS, cell_measure, incident_cosine
 from torchbrdf.fresnel import dielectric
-from torchbrdf.merl import CHANNEL_SCALE, MerlTable, cell_centres
+from torchbrdf.merl import CHANNEL_SCALE
 from torchbrdf.shading_geometry import ShadingGeometry
 
 FITS = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "published_fits"
@@ -179,47 +174,3 @@ def _read_call(call: ast.Call) -> tuple[str, Numbers]:
 def published_files(folder: Path = FITS) -> dict[str, Path]:
     """Stem -> path of the files that can be read: all but `ngan_he`."""
     return {path.stem: path for path in sorted(folder.glob("*.fit")) if path.stem != "ngan_he"}
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("merl", type=Path, help="directory of MERL .binary files")
-    parser.add_argument("--fits", type=Path, default=FITS, help="directory of .fit files")
-    parser.add_argument("--largest-angle", type=float, default=80.0, help="degrees from the normal; default 80")
-    parser.add_argument("--materials", nargs="*", help="only these")
-    arguments = parser.parse_args()
-
-    cosine = incident_cosine()
-    least = cos(radians(arguments.largest_angle))
-    chosen = (cosine > least) & (cosine.flip(2) > least)  # the reversed pair is at pi - phi_d
-    thinned = torch.zeros_like(chosen)
-    thinned[:, ::3, ::9] = True
-    chosen &= thinned
-    geometry = ShadingGeometry.of_angles(*(axis[chosen] for axis in torch.broadcast_tensors(*cell_centres())))
-    weight, cosine = cell_measure()[chosen][:, None], cosine[chosen][:, None]
-
-    fits = {name: read_published(path) for name, path in published_files(arguments.fits).items()}
-    errors: dict[tuple[str, str], dict[str, float]] = {(name, metric): {} for name in fits for metric in METRICS}
-    for path in tqdm(sorted(arguments.merl.glob("*.binary"))):
-        if arguments.materials and path.stem not in arguments.materials:
-            continue
-        table = MerlTable.open(path)
-        measured = table.values[chosen].double().clamp_min(0) * cosine
-        kept = table.valid[chosen][:, None] * weight
-        for name, published in fits.items():
-            if path.stem in published:
-                fitted = published[path.stem].f_r(geometry) * cosine
-                for metric, mapped in METRICS.items():
-                    square = (kept * (mapped(fitted) - mapped(measured)).square()).sum()
-                    whole = (kept * mapped(measured).square()).sum()
-                    errors[name, metric][path.stem] = float((square / whole).sqrt())
-
-    print(f"{'fits':24}{'materials':>10}" + "".join(f"{metric:>12}{'worst':>8}" for metric in METRICS))
-    for name in fits:
-        cells = [list(errors[name, metric].values()) for metric in METRICS]
-        columns = "".join(f"{statistics.median(each):12.3f}{max(each):8.2f}" for each in cells)
-        print(f"{name:24}{len(cells[0]):>10}{columns}")
-
-
-if __name__ == "__main__":
-    main()

@@ -60,6 +60,12 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message}\n")
 
 
+def sweep_options(parser: argparse.ArgumentParser) -> None:
+    """Where a sweep computes."""
+    parser.add_argument("--processes", type=int, default=2, help="on this machine; default: 2")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
+
+
 def default_probes() -> list[Path]:
     """The files of PROBES."""
     return [SHARED / "probes" / name for name in PROBES]

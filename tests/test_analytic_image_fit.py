@@ -184,7 +184,7 @@ def test_bounds_are_said(photograph: Tensor, transport: CellTransport):
 @pytest.mark.parametrize("search", [descend, minimise])
 def test_minimum_is_the_best_that_was_seen(photograph: Tensor, transport: CellTransport, search):
     variables = FitVariables(MODELS["ggx"])
-    residuals = ImageResiduals.to(photograph, transport)
+    residuals = ImageResiduals.of_image(photograph, transport)
     start = variables.vector(NEAR)
     before = start.copy()
     found = search(variables, start, residuals, 4)
@@ -202,8 +202,8 @@ def test_minimum_is_the_best_that_was_seen(photograph: Tensor, transport: CellTr
 
 def test_descent_stops_where_nothing_falls(photograph: Tensor, transport: CellTransport):
     variables = FitVariables(MODELS["lambert"])
-    found = descend(variables, variables.starts[0], ImageResiduals.to(photograph, transport), 600)
-    best = minimise(variables, variables.starts[0], ImageResiduals.to(photograph, transport), 50)
+    found = descend(variables, variables.starts[0], ImageResiduals.of_image(photograph, transport), 600)
+    best = minimise(variables, variables.starts[0], ImageResiduals.of_image(photograph, transport), 50)
     assert found.converged
     assert found.evaluations < 600
     assert best.converged
@@ -212,7 +212,7 @@ def test_descent_stops_where_nothing_falls(photograph: Tensor, transport: CellTr
 
 
 def test_black_pictures_are_one(photograph: Tensor, transport: CellTransport):
-    residuals = ImageResiduals.to(photograph, transport)
+    residuals = ImageResiduals.of_image(photograph, transport)
     black = residuals.of(torch.zeros(len(transport.cells), 3))
     assert float(black.square().sum()) == pytest.approx(1, rel=1e-5)
 
@@ -225,8 +225,8 @@ def test_bad_arguments(photograph: Tensor, transport: CellTransport):
     broken = photograph.clone()
     broken[1, 10, 10] = float("nan")
     fails("the photograph has NaN or infinite pixels; mask them out", broken)
-    fails("the photograph is black where the mask is True; there is nothing to fit", 0 * photograph)
-    fails("the photograph is black where the mask is True; there is nothing to fit", mask=~VIEW.mask)
+    fails("the photograph is black where the mask is True, or nothing is; there is nothing to fit", 0 * photograph)
+    fails("the photograph is black where the mask is True, or nothing is; there is nothing to fit", mask=~VIEW.mask)
     fails("the photograph must be (3, 20, 20) as the view, got (1, 3, 20, 20)", photograph[None])
     fails("the photograph must be (3, 20, 20) as the view, got (3, 24, 24)", torch.ones(3, 24, 24))
     fails("mask must be bool (1, 20, 20), got torch.float32 (1, 20, 20)", mask=VIEW.mask.float())
@@ -241,7 +241,7 @@ def test_bad_arguments(photograph: Tensor, transport: CellTransport):
     apart = replace(fit, model="ggx", parameters={**GGX, "roughness": torch.ones(3)})
     fails("roughness of ggx must be 1 number with shared=True, got (3,)", start=apart)
     fails(
-        "the transport was built for SphereView(20, orthographic, ",
+        "the transport was built for another probe or for SphereView(20, orthographic, ",
         torch.ones(3, 24, 24),
         tb.SphereView(24),
     )

@@ -46,7 +46,7 @@ def test_renders_as_render(transport: CellTransport, probe: tb.LightProbe, case:
     model, parameters = CASES[case]
     table = table_of(model, parameters)
     wanted = transport.view.pack(tb.render(table, probe, transport.view, samples=4096, seed=1)).T
-    for f_r in (MODELS[model].evaluate(parameters, transport.geometry), table.filled[transport.cells]):
+    for f_r in (MODELS[model].evaluate(parameters, transport.geometry), transport.values(table)):
         shown = transport.render(f_r)
         assert shown.shape == wanted.shape == (len(transport.view.pixels), 3)
         assert shown.dtype == torch.float32
@@ -126,7 +126,7 @@ def test_second_derivatives(small: CellTransport):
 def test_cells_are_where_the_geometry_is(transport: CellTransport):
     """A smooth table looked up at the cells is the model at the geometry, nearly."""
     model, parameters = CASES["glossy"]
-    looked_up = table_of(model, parameters).filled[transport.cells].float()
+    looked_up = transport.values(table_of(model, parameters)).float()
     exact = MODELS[model].evaluate(parameters, transport.geometry).float()
     assert float((looked_up - exact).norm() / exact.norm()) < 0.02
     assert bool(transport.geometry.above.all())

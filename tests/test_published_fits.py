@@ -8,11 +8,13 @@ from conftest import load_script
 
 from torchbrdf.analytic_models import MODELS
 from torchbrdf.brdf_metrics import METRICS, cell_measure, incident_cosine
-from torchbrdf.merl import MerlTable, cell_centres
+from torchbrdf.merl import MerlTable, above_horizon, cell_centres
 from torchbrdf.merl_directory import MERL_MATERIALS
 from torchbrdf.shading_geometry import ShadingGeometry
 
 published_fits = load_script("published_fits")
+benchmark = load_script("benchmark_published_fits")
+cases = load_script("published_cases")
 
 NGAN = (
     "brass = Aggregate(Lambertian(albedo = [0.02, 0.01, 0.005]), "
@@ -167,3 +169,27 @@ def test_a_matte_material_is_fitted_as_well_as_the_papers_say(fits, decoded_pink
             fitted = mapped(each["pink-felt"].f_r(geometry) * cosine)
             error = ((weight * (fitted - measured) ** 2).sum() / (weight * measured**2).sum()).sqrt()
             assert float(error) < 0.08, name
+
+
+def test_table_line_counts_wins_and_names_the_worst():
+    pairs = {"a": (0.2, 0.1), "b": (0.4, 0.42), "c": (0.3, 0.3)}
+    line = benchmark.line("ngan_ward", "ward", "l2", pairs)
+    assert line == "| ngan_ward | ward | 3 | l2, its own | 0.300 | 0.300 | 2 | 1.05 (b) |"
+    alone = {name: (published, None) for name, (published, _) in pairs.items()}
+    line = benchmark.line("low_lowsmooth_E2", None, "l2", alone)
+    assert line == "| low_lowsmooth_E2 | not ours | 3 | l2 | 0.300 | | | |"
+
+
+@pytest.mark.parametrize(("name", "metric"), [("ngan_ward", "l2"), ("low_cooktorrance_E1", "l2"), ("low_x_E2", "log")])
+def test_files_were_fitted_in(name: str, metric: str):
+    assert benchmark.fitted_in(name) == metric
+
+
+def test_error_of_a_published_fit_is_that_of_its_table(tmp_path: Path):
+    """Of a table that is the published fit itself, 0; of one 1.1 times as bright, a tenth by L2 over 1.1."""
+    fit = published_fits.read_published(one_line(tmp_path, NGAN))["brass"]
+    whole = ShadingGeometry.of_angles(*cell_centres())
+    values = fit.f_r(whole)
+    for factor, error in ((1.0, 0.0), (1.1, 0.1 / 1.1)):
+        table = MerlTable(factor * values, above_horizon())
+        assert cases.published_error(fit, table, "l2") == pytest.approx(error, abs=1e-5)

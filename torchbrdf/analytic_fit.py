@@ -33,7 +33,7 @@ from torchbrdf.merl import GRID, MerlTable, above_horizon
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.shading_geometry import ShadingGeometry
-from torchbrdf.table_residuals import TableResiduals, fit_cells
+from torchbrdf.table_residuals import TableResiduals, Uncertainty, fit_cells
 from torchbrdf.view import SphereView
 
 IMAGE = "image"
@@ -66,7 +66,7 @@ class AnalyticFit:
     model        name of the model
     parameters   name -> (1,), or (3,) of one number a channel; float64
     metric       that was minimised; of metric="image" the one that was chosen
-    error        E: relative, over all measured cells below the largest angle; of a photograph over its pixels
+    error        E with all u = 1, over all measured cells below the largest angle; of a photograph over its pixels
     converged    the optimiser met its tolerance
     iterations   steps of the optimiser from the start that won; evaluations: of the model, from all starts
     seconds      it took
@@ -116,7 +116,7 @@ def fit_analytic(
     *,
     library: MaterialLibrary | None = None,
     shared: bool = True,
-    start: Parameters | None = None,
+    start: Parameters | AnalyticFit | None = None,
     uncertainty: Tensor | None = None,
     largest_angle_deg: float = LARGEST_ANGLE_DEG,
     most_evaluations: int = MOST_EVALUATIONS,
@@ -127,7 +127,7 @@ def fit_analytic(
     metric       "l2", "log" [LKYU12], "cube-root" [FFG12], or "image": the best of their fits by a rendering
     library      of a Reconstruction, which is then expanded and weighted by its own uncertainty
     shared       parameters that are no colours are the same for R, G and B; False: each channel has its own
-    start        parameters to start from, (1,) or (3,) each; None: several starts
+    start        parameters to start from, (1,) or (3,) each, or a fit of the same model; None: several starts
     uncertainty  (90, 90, 180, 3) standard deviation of f_r in 1/sr: uncertain cells count less
     largest_angle_deg  pairs with a direction further from the normal do not count
     most_evaluations   of the model from each of the two best starts; the choice takes 8 more of every start
@@ -136,16 +136,14 @@ def fit_analytic(
     if isinstance(material, Reconstruction):
         if library is None:
             raise ValueError("a Reconstruction is fitted with the library it was made with: pass library=...")
-        if uncertainty is None and material.posteriors is not None:
-            uncertainty = material.brdf_std(library)
-        material = material.brdf(library)
-    if uncertainty is not None and uncertainty.shape != (*GRID, 3):
-        raise ValueError(f"uncertainty must be {(*GRID, 3)}, got {tuple(uncertainty.shape)}")
-    if uncertainty is not None and (unsound := int((~(uncertainty[material.valid] >= 0)).any(-1).sum())):
-        raise ValueError(f"uncertainty must be at least 0 in every measured cell; it is negative or NaN in {unsound}")
+        table = material.brdf(library)
+        own = None if material.posteriors is None else _own_uncertainty(material, library)
+    else:
+        table, own = material, None
+    given = None if uncertainty is None else _given_uncertainty(uncertainty, table)
     search = _Search.of(model, shared, largest_angle_deg, most_evaluations, start)
     with serial_operations():
-        return search.fit(material, metric, uncertainty)
+        return search.fit(table, metric, given or own)
 
 
 def fit_analytic_batch(
@@ -176,7 +174,8 @@ def fit_analytic_batch(
 def serial_operations() -> Iterator[int]:
     """One thread for each operation of torch and BLAS, whose threads cost more than such small operations gain.
 
-    Gives the number that torch had.
+    Gives the number that torch had. Operations inside can be differentiated, whatever
+    mode the caller is in.
     """
     from threadpoolctl import threadpool_limits
 
@@ -191,6 +190,35 @@ def serial_operations() -> Iterator[int]:
         torch.set_num_threads(threads)
 
 
+def _own_uncertainty(material: Reconstruction, library: MaterialLibrary) -> Uncertainty:
+    """Of the cells that are asked for only: `brdf_std` of all takes ten seconds."""
+    posterior = material.posterior
+    return lambda index: posterior.std(library.rows(index)).T
+
+
+def _given_uncertainty(uncertainty: Tensor, table: MerlTable) -> Uncertainty:
+    if uncertainty.shape != (*GRID, 3):
+        raise ValueError(f"uncertainty must be {(*GRID, 3)}, got {tuple(uncertainty.shape)}")
+    std = uncertainty.detach().cpu()
+    unsound = int((~(std[table.valid.cpu()] >= 0)).any(-1).sum())
+    if unsound:
+        raise ValueError(f"uncertainty must be at least 0 in every measured cell; it is negative or NaN in {unsound}")
+    return lambda index: std.reshape(-1, 3)[index]
+
+
+def starting_points(variables: FitVariables, start: Parameters | AnalyticFit | None) -> tuple[np.ndarray, ...]:
+    """Vectors (V,) that a fit starts from: those of the model, or what is given, which must belong to it."""
+    if start is None:
+        return variables.starts
+    if isinstance(start, AnalyticFit):
+        if start.model != variables.model.name:
+            raise ValueError(
+                f"the start is a fit of {start.model}; give one of {variables.model.name}, or model={start.model!r}"
+            )
+        start = start.parameters
+    return (variables.vector(start),)
+
+
 def table_warnings(table: MerlTable) -> tuple[str, ...]:
     """What a fit of a table should say about it. Raises ValueError where it is zero everywhere."""
     measured = table.values.detach()[table.valid]
@@ -200,7 +228,7 @@ def table_warnings(table: MerlTable) -> tuple[str, ...]:
     negative = int((measured < 0).any(-1).sum())
     if negative:
         found.append(f"{negative} measured cells are negative and were taken as 0")
-    missing = 1 - float((table.valid & above_horizon()).sum() / above_horizon().sum())
+    missing = 1 - float(table.valid.sum() / above_horizon().sum())
     if missing > 0.01:
         found.append(f"{missing:.0%} of the cells above the horizon were not measured; the fit extrapolates there")
     return tuple(found)
@@ -210,7 +238,7 @@ def most_alike(fits: Sequence[AnalyticFit], table: MerlTable) -> AnalyticFit:
     """The fit whose sphere under the embedded probe is most like the table's, by `image_residuals`."""
     transport = _judge()
     shown = transport.render(transport.values(table))
-    residuals = ImageResiduals.to(transport.view.unpack(shown.T), transport)
+    residuals = ImageResiduals.of_image(transport.view.unpack(shown.T), transport)
 
     def loss(fit: AnalyticFit) -> float:
         f_r = model_of(fit.model).evaluate(fit.parameters, transport.geometry)
@@ -240,17 +268,16 @@ class _Search:
         shared: bool,
         largest_angle_deg: float,
         most_evaluations: int,
-        start: Parameters | None = None,
+        start: Parameters | AnalyticFit | None = None,
     ) -> "_Search":
         if not 0 < largest_angle_deg <= 90:
             raise ValueError(f"largest_angle_deg must be above 0 and at most 90, got {largest_angle_deg}")
         if most_evaluations < 1:
             raise ValueError(f"most_evaluations must be at least 1, got {most_evaluations}")
         variables = FitVariables(model_of(model), shared)
-        starts = variables.starts if start is None else (variables.vector(start),)
-        return cls(variables, largest_angle_deg, most_evaluations, starts)
+        return cls(variables, largest_angle_deg, most_evaluations, starting_points(variables, start))
 
-    def fit(self, table: MerlTable, metric: str, uncertainty: Tensor | None = None) -> AnalyticFit:
+    def fit(self, table: MerlTable, metric: str, uncertainty: Uncertainty | None = None) -> AnalyticFit:
         """The fit, and what is to be said about it."""
         began, remarks = time.perf_counter(), table_warnings(table)
         if metric not in (*METRICS, IMAGE):
@@ -264,12 +291,12 @@ class _Search:
             remarks = (*remarks, f"a relative error of {found.error:.0%}: {found.model} cannot be such a material")
         return replace(found, seconds=time.perf_counter() - began, warnings=remarks)
 
-    def _fit(self, table: MerlTable, metric: str, uncertainty: Tensor | None) -> AnalyticFit:
-        def residuals(*grids: tuple[int, int, int], dtype: torch.dtype = torch.float64) -> TableResiduals:
+    def _fit(self, table: MerlTable, metric: str, uncertainty: Uncertainty | None) -> AnalyticFit:
+        def residuals(*grids: tuple[int, int, int]) -> TableResiduals:
             """On the first of the grids whose cells say anything: a table may have holes, or be a mirror."""
             for steps in grids:
-                cells = fit_cells(steps, self.largest_angle_deg, dtype)
-                found = TableResiduals.to(table, cells, metric, uncertainty)
+                cells = fit_cells(steps, self.largest_angle_deg, torch.float64)
+                found = TableResiduals.of_table(table, cells, metric, uncertainty)
                 if found.any_light:
                     return found
             raise ValueError(
@@ -284,12 +311,13 @@ class _Search:
             starts = tuple(one.x for one in sorted(tried, key=lambda one: one.loss)[:_FINALISTS])
         fine = residuals(_STEPS, _FINER_STEPS)
         ends = [minimise(self.variables, x, fine, self.most_evaluations) for x in starts]
+        everywhere = TableResiduals.of_table(table, fit_cells(_ALL, self.largest_angle_deg, torch.float32), metric)
         best = best_of(ends)
         return AnalyticFit(
             model=self.variables.model.name,
             parameters=self.variables.parameters(torch.from_numpy(best.x)),
             metric=metric,
-            error=self._error(best.x, residuals(_ALL, dtype=torch.float32)),
+            error=everywhere.error(self.variables.evaluate(torch.from_numpy(best.x), everywhere.geometry)),
             converged=best.converged,
             iterations=best.iterations,
             evaluations=sum(one.evaluations for one in (*tried, *ends)),
@@ -298,7 +326,3 @@ class _Search:
             name=table.name,
             history=best.history,
         )
-
-    def _error(self, x: np.ndarray, residuals: TableResiduals) -> float:
-        f_r = self.variables.evaluate(torch.from_numpy(x), residuals.geometry)
-        return float(residuals.of(f_r).double().square().sum().sqrt())

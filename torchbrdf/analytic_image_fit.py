@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from torchbrdf.analytic_fit import DEFAULT_MODEL, AnalyticFit, serial_operations
+from torchbrdf.analytic_fit import DEFAULT_MODEL, AnalyticFit, serial_operations, starting_points
 from torchbrdf.analytic_models import Parameters, model_of
 from torchbrdf.cell_transport import CellTransport
 from torchbrdf.fit_variables import FitVariables
@@ -61,17 +61,12 @@ def fit_analytic_to_image(
     variables = FitVariables(model_of(model), shared)
     image = _checked(image, view, mask)
     transport = transport or CellTransport.build(probe, view)
-    if not torch.equal(transport.view.mask, view.mask):
-        raise ValueError(f"the transport was built for {transport.view}, and the photograph shows {view}")
-    residuals = ImageResiduals.to(image, transport, mask)
-    if isinstance(start, AnalyticFit):
-        if start.model != model:
-            raise ValueError(f"the start is a fit of {start.model}; give one of {model}, or model={start.model!r}")
-        start = start.parameters
-    starts = variables.starts if start is None else (variables.vector(start),)
+    if transport.view.fingerprint != view.fingerprint or transport.probe != probe.fingerprint:
+        raise ValueError(f"the transport was built for another probe or for {transport.view}, not for {view}")
+    residuals = ImageResiduals.of_image(image, transport, mask)
     search = minimise if method == "least-squares" else descend
     with serial_operations():
-        ends = [search(variables, x, residuals, most) for x in starts]
+        ends = [search(variables, x, residuals, most) for x in starting_points(variables, start)]
     best = best_of(ends)
     warnings = () if best.converged else (f"not converged after {most} evaluations; raise most_evaluations",)
     return AnalyticFit(
@@ -98,6 +93,6 @@ def _checked(image: Tensor, view: View, mask: Tensor | None) -> Tensor:
     used = view.pack(image) if mask is None else image[:, (view.mask & mask)[0]]
     if not bool(torch.isfinite(used).all()):
         raise ValueError("the photograph has NaN or infinite pixels; mask them out")
-    if not bool((used > 0).any()):
-        raise ValueError("the photograph is black where the mask is True; there is nothing to fit")
+    if not bool(used.mean() > 0):
+        raise ValueError("the photograph is black where the mask is True, or nothing is; there is nothing to fit")
     return image.detach().cpu()

@@ -39,12 +39,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class AnalyticModel:
-    """A BRDF with parameters.
+    """A reciprocal BRDF with parameters.
 
     f_r               of a geometry and the parameters by name, see `microfacet`
     source            key in docs/references.bib
     channels_coupled  a channel of f_r depends on other channels of a colour
-    reciprocal        f_r(w_i, w_o) = f_r(w_o, w_i)
     energy_conserving no more is reflected than comes in, for any parameters within the bounds
     """
 
@@ -53,7 +52,6 @@ class AnalyticModel:
     parameters: tuple[Parameter, ...]
     source: str
     channels_coupled: bool = False
-    reciprocal: bool = True
     energy_conserving: bool = False
 
     @property

@@ -7,14 +7,12 @@ from torch import Tensor
 
 from torchbrdf import fresnel
 from torchbrdf.fresnel import schlick, schlick_weight
-from torchbrdf.shading_geometry import ShadingGeometry
-
-_LEAST_COSINE = 1e-6
+from torchbrdf.shading_geometry import LEAST_COSINE, ShadingGeometry
 
 
 def _phong(geometry: ShadingGeometry, sharpness: Tensor) -> Tensor:
     """(n + 1) cos^n theta_h / (8 pi cos theta_d max(cos theta_i, cos theta_o)) [AS00]."""
-    below = 8 * pi * geometry.cos_d.clamp_min(_LEAST_COSINE) * torch.maximum(geometry.cos_i, geometry.cos_o)
+    below = 8 * pi * geometry.cos_d.clamp_min(LEAST_COSINE) * torch.maximum(geometry.cos_i, geometry.cos_o)
     return (sharpness + 1) * torch.exp(sharpness * geometry.log_cos_h) / below
 
 

@@ -38,16 +38,18 @@ _ROUGHNESSES = (0.02, 0.06, 0.2, 0.5)
 class CellTransport:
     """Pixels as sums over cells: radiance = matrix f_r, for each channel.
 
-    cells     (M,)  flat MERL cells, one in the middle of each of ours
+    cells     (M,)  flat MERL cells, that at the mean phi_d of each of ours
     geometry  of the pairs of directions of our M cells
     matrices  three (P, M), in sr times the radiance of the light
     view      whose P pixels they are
+    probe     fingerprint of the light
     """
 
     cells: Tensor
     geometry: ShadingGeometry
     matrices: "tuple[csr_array, csr_array, csr_array]"
     view: View
+    probe: str
 
     @classmethod
     def build(cls, probe: LightProbe, view: View, samples: int = SAMPLES, seed: int = 0) -> "CellTransport":
@@ -76,7 +78,7 @@ class CellTransport:
         shape, place = (len(view.pixels), len(used)), (pixels.numpy(), column.numpy())
         red, green, blue = (coo_array((weight.numpy(), place), shape).tocsr() for weight in weights)
         middle = rows * GRID[2] + mean.round().long()
-        return cls(middle, ShadingGeometry.of_angles(*angles), (red, green, blue), view)
+        return cls(middle, ShadingGeometry.of_angles(*angles), (red, green, blue), view, probe.fingerprint)
 
     def values(self, table: MerlTable) -> Tensor:
         """(M, 3): f_r of a table in our cells, the mean of MERL's cell and of that at 180 degrees - phi_d."""

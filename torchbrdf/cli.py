@@ -1,4 +1,4 @@
-"""The command line: `torchbrdf demo | fit | live | compare | precompute | render | bake | export | verify | ...`."""
+"""The command line: `torchbrdf demo | fit | live | compare | analytic | render | bake | export | ...`."""
 
 import argparse
 import sys
@@ -80,9 +80,9 @@ def _parser() -> argparse.ArgumentParser:
     def output(added: argparse.ArgumentParser, text: str, default: Path | None = None) -> None:
         added.add_argument("-o", "--output", type=Path, required=default is None, default=default, help=text)
 
-    def light(added: argparse.ArgumentParser, required: bool = True) -> None:
+    def light(added: argparse.ArgumentParser, required: bool = True, default: str | None = None) -> None:
         text = 'light probe, .exr or .hdr; "default" for the embedded one'
-        added.add_argument("--probe", required=required, help=text)
+        added.add_argument("--probe", required=required and default is None, default=default, help=text)
         added.add_argument("--probe-layout", choices=LAYOUTS, default="latlong", help="default: latlong")
         added.add_argument("--repair-probe", action="store_true", help="fill NaN and infinite texels of the probe")
 
@@ -145,17 +145,13 @@ def _parser() -> argparse.ArgumentParser:
     added.add_argument("--no-browser", action="store_true", help="print the page's address, and open no browser")
 
     added = command("compare", compare.run)
-    added.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help="MERL table, or a folder that `fit` wrote")
-    light(added, required=False)
-    added.set_defaults(probe="default")
-    added.add_argument("--size", type=int, default=192, help="pixels along a sphere; default: %(default)s")
-    added.add_argument("--samples", type=int, default=1024, help="samples a pixel, on average; default: %(default)s")
+    compare.add_options(added)
+    light(added, default="default")
     output(added, "X.html")
 
     added = command("analytic", analytic.run)
     analytic.add_options(added)
-    light(added, required=False)
-    added.set_defaults(probe="default")
+    light(added, default="default")
 
     added = command("render", render.run)
     added.add_argument("brdf", type=Path, help="MERL table, .binary")

@@ -101,7 +101,7 @@ class TurnedSpheres:
         few = len(figures) < 3
         return section(
             "Under a light that you turn",
-            f"<p>A directional light of irradiance π: at exposure × 1 a white diffuse surface that faces it just "
+            "<p>A directional light of irradiance π: at exposure × 1 a white diffuse surface that faces it just "
             "reaches white. At first it comes from above right, 45° from the camera, and exposure is "
             f"×&nbsp;{self.gain:g}.</p>",
             '<noscript><p class="caution">Without JavaScript the light stays where it is.</p></noscript>',

@@ -31,8 +31,7 @@ from torchbrdf.report_slices import EXPLANATION, slice_exposures, slice_figure
 from torchbrdf.transport import render_tables
 from torchbrdf.view import SphereView
 
-SIZE = 192
-SAMPLES = 1024
+SIZE, SAMPLES = 192, 1024
 """Pixels along a side, and light samples a pixel, of the spheres."""
 
 ALBEDO_DEG = (0, 30, 60, 75)
@@ -45,6 +44,8 @@ _MUCH_ALBEDO = 1.02
 """Directional albedo above which the page says so: the rule of cells is good to a per cent."""
 
 _FEW_COMMON = 0.99
+"""Share of the cells below which the page says that the differences do not count all of them."""
+
 _DELTA_E_SCALES = (2.0, 5.0, 10.0, 20.0, 50.0)
 
 
@@ -85,7 +86,9 @@ class Comparison:
         """
         names = [table.name for table in tables] if names is None else list(names)
         if len(tables) < 2 or len(names) != len(tables):
-            raise ValueError(f"a comparison needs two tables or more, each with a name, got {len(tables)}")
+            raise ValueError(
+                f"a comparison needs two tables or more, each with a name, got {len(tables)} with {len(names)} names"
+            )
         for name, table in zip(names, tables, strict=True):
             largest = float(table.values[table.valid].max())
             if largest > _BRIGHTEST:
@@ -129,8 +132,8 @@ class Comparison:
                     f"{name}: the differences over cells count the {_share(difference.common)} of the cells that were "
                     "measured in both."
                 )
-            if isinf(difference.picture):
-                found.append(f"{self.names[0]} is black under {short_name(self.probe)}: no relative difference exists.")
+        if any(isinf(difference.picture) for difference in self.differences):
+            found.append(f"{self.names[0]} is black under {short_name(self.probe)}: no relative difference exists.")
         return found
 
 

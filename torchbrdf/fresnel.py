@@ -7,13 +7,13 @@ _TINY = 1e-12
 
 
 def schlick_weight(cosine: Tensor) -> Tensor:
-    """(1 - cos theta)^5, by which Schlick goes from normal incidence to grazing [Sch94, eq. 24]."""
+    """(1 - cos theta)^5, by which Schlick goes from normal incidence to grazing [Sch94]."""
     rest = 1 - cosine
     return rest.square().square() * rest
 
 
 def schlick(cos_d: Tensor, f0: Tensor) -> Tensor:
-    """F = F0 + (1 - F0) (1 - cos theta_d)^5, from F0 at normal incidence to 1 at grazing [Sch94, eq. 24]."""
+    """F = F0 + (1 - F0) (1 - cos theta_d)^5, from F0 at normal incidence to 1 at grazing [Sch94]."""
     return f0 + (1 - f0) * schlick_weight(cos_d)
 
 

@@ -8,7 +8,7 @@ import torch
 from torchbrdf.fit_variables import FitVariables
 from torchbrdf.least_squares import Minimum, Progress, Residuals
 
-RATE = 0.05
+_RATE = 0.05
 """Step of the logit of each variable's place between its bounds."""
 
 _PATIENCE = 40
@@ -19,14 +19,12 @@ _INSIDE = 1e-3
 """A start lies at least this share of the range inside the bounds, where the logit is finite."""
 
 
-def descend(
-    variables: FitVariables, start: np.ndarray, residuals: Residuals, most_evaluations: int, rate: float = RATE
-) -> Minimum:
+def descend(variables: FitVariables, start: np.ndarray, residuals: Residuals, most_evaluations: int) -> Minimum:
     """The least sum of squares on the way of Adam from one start (V,) within the bounds."""
     lower, upper = map(torch.from_numpy, variables.bounds)
     share = ((torch.from_numpy(start) - lower) / (upper - lower)).clamp(_INSIDE, 1 - _INSIDE)
     logit = torch.logit(share).requires_grad_()
-    optimiser = torch.optim.Adam([logit], lr=rate)
+    optimiser = torch.optim.Adam([logit], lr=_RATE)
     geometry = residuals.geometry.to(torch.float32)  # as precise as a gradient need be, and faster
     began, history = time.perf_counter(), list[Progress]()
     best, losses = start, list[float]()

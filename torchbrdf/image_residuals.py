@@ -30,7 +30,7 @@ class ImageResiduals:
     roots: Tensor
 
     @classmethod
-    def to(cls, image: Tensor, transport: CellTransport, mask: Tensor | None = None) -> "ImageResiduals":
+    def of_image(cls, image: Tensor, transport: CellTransport, mask: Tensor | None = None) -> "ImageResiduals":
         """To a photograph (3, H, W), where the mask (1, H, W) is True."""
         view = transport.view
         used = view.pack(view.mask if mask is None else view.mask & mask)[0]

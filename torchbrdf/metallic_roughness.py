@@ -4,7 +4,7 @@ from math import pi
 
 from torch import Tensor
 
-from torchbrdf.fresnel import schlick_weight
+from torchbrdf.fresnel import schlick
 from torchbrdf.microfacet import ggx_distribution, ggx_visibility
 from torchbrdf.shading_geometry import ShadingGeometry
 
@@ -28,6 +28,4 @@ def metallic_roughness(
     lobe = ggx_distribution(geometry, alpha) * ggx_visibility(geometry, alpha)
     below = base_color * ((1 - metallic) / pi)
     f0 = DIELECTRIC_F0 + metallic * (base_color - DIELECTRIC_F0)
-    weight = schlick_weight(geometry.cos_d)
-    reflected = f0 + (1 - f0) * weight
-    return below + reflected * (lobe - below)
+    return below + schlick(geometry.cos_d, f0) * (lobe - below)

@@ -12,9 +12,7 @@ from torch import Tensor
 
 from torchbrdf import fresnel
 from torchbrdf.fresnel import schlick
-from torchbrdf.shading_geometry import ShadingGeometry
-
-_LEAST_COSINE = 1e-6
+from torchbrdf.shading_geometry import LEAST_COSINE, ShadingGeometry
 
 
 def lambert(geometry: ShadingGeometry, diffuse: Tensor) -> Tensor:
@@ -35,14 +33,21 @@ def beckmann_distribution(geometry: ShadingGeometry, roughness: Tensor) -> Tenso
     return (1 + tan2).square() * torch.exp(-tan2 / squared) / (pi * squared)
 
 
+def ggx_unmasked(cosine: Tensor, roughness: Tensor) -> Tensor:
+    """cos theta / G1(theta) of GGX, without a division by the cosine: (c + sqrt(a^2 + (1 - a^2) c^2)) / 2.
+
+    cosine     c, to the normal, at least 0
+    roughness  a = alpha
+
+    Source: [WMLT07, eq. 34].
+    """
+    squared = roughness.square()
+    return (cosine + (squared + (1 - squared) * cosine.square()).sqrt()) / 2
+
+
 def ggx_visibility(geometry: ShadingGeometry, roughness: Tensor) -> Tensor:
     """G / (4 cos theta_i cos theta_o), with Smith's separable G = G1(i) G1(o) of GGX [WMLT07, eq. 34]."""
-    squared = roughness.square()
-
-    def half(cosine: Tensor) -> Tensor:  # cosine / G1, without a division by the cosine
-        return (cosine + (squared + (1 - squared) * cosine.square()).sqrt()) / 2
-
-    return 1 / (4 * half(geometry.cos_i) * half(geometry.cos_o))
+    return 1 / (4 * ggx_unmasked(geometry.cos_i, roughness) * ggx_unmasked(geometry.cos_o, roughness))
 
 
 def v_groove_visibility(geometry: ShadingGeometry) -> Tensor:
@@ -51,7 +56,7 @@ def v_groove_visibility(geometry: ShadingGeometry) -> Tensor:
     Source: [CT82].
     """
     cos_i, cos_o = geometry.cos_i, geometry.cos_o
-    grooves = geometry.cos_h / (2 * geometry.cos_d.clamp_min(_LEAST_COSINE) * torch.maximum(cos_i, cos_o))
+    grooves = geometry.cos_h / (2 * geometry.cos_d.clamp_min(LEAST_COSINE) * torch.maximum(cos_i, cos_o))
     return torch.minimum(1 / (4 * cos_i * cos_o), grooves)
 
 

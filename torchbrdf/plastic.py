@@ -2,7 +2,8 @@
 
 What the coat lets through is a table over the cosine, and what it sends back down one number; both are means over the
 visible facets of GGX [Hei18], at Mitsuba's cosines and nodes. In the second, F has a kink at the critical angle: the
-sum over nodes is uneven in roughness and index, its slopes by a few percent. Ours are those of a smoother estimate.
+sum over nodes is uneven in roughness and index, its slopes by a few percent. Autograd gives those of a smoother
+estimate; fits that take differences see the uneven ones.
 """
 
 from collections.abc import Callable
@@ -15,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf import fresnel
-from torchbrdf.microfacet import ggx_distribution, ggx_visibility
+from torchbrdf.microfacet import ggx_distribution, ggx_unmasked, ggx_visibility
 from torchbrdf.shading_geometry import ShadingGeometry
 
 _COSINES = 64
@@ -62,7 +63,7 @@ def _cosines(like: Tensor) -> Tensor:
 def _transmitted(eta: Tensor, roughness: Tensor) -> Tensor:
     """T at `_COSINES` cosines from 0 to 1, (..., 64), to first order in eta and roughness.
 
-    The derivatives are computed along with the values and only then applied: however many tangents a fit follows, the
+    The derivatives are computed along with the values and only then applied: however many tangents are followed, the
     integrals are taken once.
     """
     at = [value.detach()[..., None, None].expand(*value.shape, _COSINES, 1) for value in (eta, roughness)]
@@ -164,9 +165,8 @@ def _fresnel(outside: Tensor, inside: Tensor, eta: Tensor) -> Tensor:
 
 def _seen(cosine: Tensor, roughness: Tensor) -> Tensor:
     """G1 of GGX, 0 below the horizon [WMLT07, eq. 34]."""
-    squared = roughness.square()
     cosine = cosine.clamp_min(0)
-    return 2 * cosine / (cosine + (squared + (1 - squared) * cosine.square()).sqrt())
+    return cosine / ggx_unmasked(cosine, roughness)
 
 
 def _visible_facets(mu: Tensor, roughness: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:

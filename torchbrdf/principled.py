@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from torchbrdf.fresnel import dielectric, normal_incidence, schlick_weight
-from torchbrdf.microfacet import ggx_distribution, ggx_visibility
+from torchbrdf.microfacet import ggx_distribution, ggx_unmasked, ggx_visibility
 from torchbrdf.shading_geometry import ShadingGeometry
 
 LUMINANCE = (0.212671, 0.715160, 0.072169)
-"""Weights of linear R, G and B of sRGB in Y."""
+"""Weights of linear R, G and B of sRGB in Y, to the digits of Mitsuba."""
 
 _CLEARCOAT_MASKING = 0.25
 _CLEARCOAT_F0 = 0.04
@@ -82,10 +82,7 @@ def _coat(geometry: ShadingGeometry, gloss: Tensor, weight_d: Tensor) -> Tensor:
     """F D G / 4 of the clear coat: GTR1 of alpha 0.1 (gloss 0) to 0.001, Smith's G of alpha 0.25 [Bur12, sec. 5.4]."""
     alpha2 = (0.1 + gloss * (0.001 - 0.1)).square()
     distribution = (alpha2 - 1) / (pi * torch.log(alpha2) * (geometry.sin2_h + alpha2 * geometry.cos_h.square()))
-    masking = _CLEARCOAT_MASKING**2
-
-    def seen(cosine: Tensor) -> Tensor:
-        return 2 * cosine / (cosine + (masking + (1 - masking) * cosine.square()).sqrt())
-
+    masking = geometry.cos_i.new_tensor(_CLEARCOAT_MASKING)
+    g_i, g_o = (cosine / ggx_unmasked(cosine, masking) for cosine in (geometry.cos_i, geometry.cos_o))
     reflected = _CLEARCOAT_F0 + (1 - _CLEARCOAT_F0) * weight_d
-    return reflected * distribution * (seen(geometry.cos_i) * seen(geometry.cos_o)) / 4
+    return reflected * distribution * (g_i * g_o) / 4

@@ -11,7 +11,7 @@ from torchbrdf.report_figures import SURROUND, picture, stops_for
 
 EXPLANATION = (
     "<p>Image slice: f<sub>r</sub> over θ<sub>h</sub> and θ<sub>d</sub> at φ<sub>d</sub> = 90°, in degrees. The left "
-    "edge is the mirror direction, the top are grazing angles (Fresnel), the bottom is light from the camera’s "
+    "edge is the mirror direction, the top edge grazing angles (Fresnel), the bottom edge light from the camera’s "
     "direction. θ<sub>h</sub> is stretched towards the highlight as MERL’s grid is. Stripes: not measured.</p>"
 )
 """HTML of what a slice shows."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from torchbrdf.directions import half_difference
 
-_HORIZON = 1e-6
+LEAST_COSINE = 1e-6
 """Least cosine: keeps models that divide by it finite at the horizon."""
 
 
@@ -32,13 +32,13 @@ class ShadingGeometry:
     @property
     def tan2_h(self) -> Tensor:
         """Squared tangent of theta_h, at most 1e12."""
-        return self.sin2_h / self.cos_h.square().clamp_min(_HORIZON**2)
+        return self.sin2_h / self.cos_h.square().clamp_min(LEAST_COSINE**2)
 
     @property
     def log_cos_h(self) -> Tensor:
         """Logarithm of cos theta_h, at least log 1e-6; exact near theta_h = 0, for high powers of the cosine."""
         near = torch.log1p(-self.sin2_h.clamp_max(0.5)) / 2
-        return torch.where(self.sin2_h < 0.5, near, torch.log(self.cos_h.clamp_min(_HORIZON)))
+        return torch.where(self.sin2_h < 0.5, near, torch.log(self.cos_h.clamp_min(LEAST_COSINE)))
 
     @property
     def versine_h(self) -> Tensor:
@@ -63,8 +63,8 @@ class ShadingGeometry:
     @classmethod
     def _of(cls, cos_i: Tensor, cos_o: Tensor, theta_h: Tensor, theta_d: Tensor) -> "ShadingGeometry":
         return cls(
-            cos_i=cos_i.clamp_min(_HORIZON),
-            cos_o=cos_o.clamp_min(_HORIZON),
+            cos_i=cos_i.clamp_min(LEAST_COSINE),
+            cos_o=cos_o.clamp_min(LEAST_COSINE),
             cos_h=torch.cos(theta_h),
             sin2_h=torch.sin(theta_h).square(),
             cos_d=torch.cos(theta_d),

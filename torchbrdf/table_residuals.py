@@ -1,5 +1,6 @@
 """How far an analytic BRDF is from a table in some cells of the MERL grid, in a metric."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, radians
@@ -19,6 +20,9 @@ _SHIFTS = (5, 8)
 
 _DARKEST = 1e-6
 """In 1/sr: cells darker than this have no relative uncertainty."""
+
+Uncertainty = Callable[[Tensor], Tensor]
+"""Standard deviation of f_r (C, 3) in 1/sr in cells of flat indices (C,)."""
 
 
 @dataclass(frozen=True)
@@ -70,19 +74,18 @@ class TableResiduals:
     roots: Tensor
 
     @classmethod
-    def to(cls, table: MerlTable, cells: FitCells, metric: str, uncertainty: Tensor | None) -> "TableResiduals":
-        """From a model to a table; uncertainty (90, 90, 180, 3) of f_r in 1/sr makes cells count less."""
+    def of_table(
+        cls, table: MerlTable, cells: FitCells, metric: str, uncertainty: Uncertainty | None = None
+    ) -> "TableResiduals":
+        """From a model to a table; uncertain cells count less."""
         measured = table.valid.ravel().cpu()[cells.index, None]
-
-        def of_cells(everywhere: Tensor) -> Tensor:
-            chosen = everywhere.detach().cpu().reshape(N_CELLS, 3)[cells.index].to(cells.cos_i.dtype)
-            return torch.where(measured, chosen, 0)
-
-        f_r = of_cells(table.values).clamp_min(0)
+        f_r = table.values.detach().cpu().reshape(N_CELLS, 3)[cells.index].to(cells.cos_i.dtype)
+        f_r = torch.where(measured, f_r, 0).clamp_min(0)
         values = METRICS[metric](f_r * cells.cos_i)
         weights = (cells.measure * measured).expand(-1, 3)
         if uncertainty is not None:
-            share = of_cells(uncertainty) / f_r.clamp_min(_DARKEST)
+            std = torch.where(measured, uncertainty(cells.index).to(f_r), 0)
+            share = std / f_r.clamp_min(_DARKEST)
             weights = weights / (1 + (share / MODEL_ERROR).square())
         return cls(cells, metric, values, (weights / (weights * values.square()).sum()).sqrt())
 
@@ -99,6 +102,10 @@ class TableResiduals:
     def of(self, f_r: Tensor) -> Tensor:
         """(C, 3) of f_r (C, 3)."""
         return self.roots * (METRICS[self.metric](f_r * self.cells.cos_i) - self.values)
+
+    def error(self, f_r: Tensor) -> float:
+        """E of f_r (C, 3)."""
+        return float(self.of(f_r).double().square().sum().sqrt())
 
     def along(self, f_r: Tensor, tangents: Tensor) -> Tensor:
         """(S, C, 3): derivatives of `of` at f_r along tangents (S, C, 3)."""

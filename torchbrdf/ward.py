@@ -6,9 +6,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.microfacet import beckmann_distribution
-from torchbrdf.shading_geometry import ShadingGeometry
-
-_LEAST_COSINE = 1e-6
+from torchbrdf.shading_geometry import LEAST_COSINE, ShadingGeometry
 
 
 def _gaussian(geometry: ShadingGeometry, roughness: Tensor) -> Tensor:
@@ -40,5 +38,5 @@ def ward_bounded(geometry: ShadingGeometry, diffuse: Tensor, specular: Tensor, r
 
     At most `specular` of the light from any direction is reflected by the lobe.
     """
-    lobe = beckmann_distribution(geometry, roughness) / (4 * geometry.cos_d.square().clamp_min(_LEAST_COSINE**2))
+    lobe = beckmann_distribution(geometry, roughness) / (4 * geometry.cos_d.square().clamp_min(LEAST_COSINE**2))
     return diffuse / pi + specular * lobe

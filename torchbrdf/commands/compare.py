@@ -1,15 +1,24 @@
 """`torchbrdf compare`: tables side by side, on a page to look at."""
 
 import argparse
+from pathlib import Path
 
 from torchbrdf.commands.inputs import labels, open_probe, open_table
+from torchbrdf.comparison import SAMPLES, SIZE, Comparison, write_comparison
 from torchbrdf.files import writing
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options that are not shared with other commands."""
+    parser.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help="MERL table, or a folder that `fit` wrote")
+    parser.add_argument("--size", type=int, default=SIZE, help="pixels along a sphere; default: %(default)s")
+    parser.add_argument(
+        "--samples", type=int, default=SAMPLES, help="samples a pixel, on average; default: %(default)s"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Compare BRDFs with the first: spheres, slices, curves, differences, and a light to turn; one HTML page."""
-    from torchbrdf.comparison import Comparison, write_comparison
-
     paths = options.brdfs
     if len(paths) < 2:
         raise ValueError(f"compare needs two BRDFs or more, got {paths[0]} alone; name the reference first")
