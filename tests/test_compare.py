@@ -13,14 +13,15 @@ from test_report import Page, pixels
 
 from torchbrdf.cli import main
 from torchbrdf.commands.inputs import labels
-from torchbrdf.compare_page import COMPARE_STYLE, LIGHT
-from torchbrdf.comparison import Comparison, write_comparison
+from torchbrdf.comparison import Comparison
+from torchbrdf.comparison_page import write_comparison
 from torchbrdf.directional import render_directional
 from torchbrdf.images import tone_map
 from torchbrdf.merl import MerlTable, cell_centres
 from torchbrdf.probe import LightProbe
 from torchbrdf.report_page import source_hash
 from torchbrdf.transport import render_tables
+from torchbrdf.turned_spheres import COMPARE_STYLE, LIGHT
 from torchbrdf.view import SphereView
 
 SIZE = 48

@@ -29,7 +29,7 @@ from torchbrdf.fit_variables import FitVariables
 from torchbrdf.image_residuals import ImageResiduals
 from torchbrdf.least_squares import Minimum, Progress, best_of, minimise
 from torchbrdf.library import MaterialLibrary
-from torchbrdf.merl import GRID, MerlTable, above_horizon
+from torchbrdf.merl import GRID, MerlTable
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
 from torchbrdf.shading_geometry import ShadingGeometry
@@ -228,7 +228,7 @@ def table_warnings(table: MerlTable) -> tuple[str, ...]:
     negative = int((measured < 0).any(-1).sum())
     if negative:
         found.append(f"{negative} measured cells are negative and were taken as 0")
-    missing = 1 - float(table.valid.sum() / above_horizon().sum())
+    missing = 1 - table.measured_share
     if missing > 0.01:
         found.append(f"{missing:.0%} of the cells above the horizon were not measured; the fit extrapolates there")
     return tuple(found)

@@ -114,6 +114,11 @@ class MerlTable:
             f"f_r {measured.min():.3g} to {measured.max():.3g} 1/sr)"
         )
 
+    @property
+    def measured_share(self) -> float:
+        """Share of the cells above the horizon that were measured."""
+        return float(self.valid.sum() / above_horizon().sum())
+
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "MerlTable":
         """Read a MERL `.binary` file.

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from torchbrdf.commands.inputs import labels, open_probe, open_table
-from torchbrdf.comparison import SAMPLES, SIZE, Comparison, write_comparison
+from torchbrdf.comparison import SAMPLES, SIZE, Comparison
+from torchbrdf.comparison_page import write_comparison
 from torchbrdf.files import writing
 
 

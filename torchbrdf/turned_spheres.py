@@ -141,4 +141,4 @@ def _controls(first: str, kind: str) -> str:
 
 @cache
 def _script() -> str:
-    return files("torchbrdf").joinpath("compare_page.js").read_text(encoding="utf-8")
+    return files("torchbrdf").joinpath("turned_spheres.js").read_text(encoding="utf-8")
