@@ -53,4 +53,4 @@ __all__ = [
     "write_image",
 ]
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"
