@@ -73,9 +73,10 @@ def line(name: str, method: str, kind: str, runs: Sequence[Run], limit: int) -> 
     """One line of the table. Runs that never arrived count with `limit` evaluations in the median."""
     arrived = [run for run in runs if run.evaluations is not None]
     evaluations = [limit if run.evaluations is None else run.evaluations for run in runs]
+    seconds = [run.seconds for run in arrived if run.seconds is not None]
     return (
         f"| {name} | {method} | {KINDS[kind]} | {len(runs)} | {len(arrived) / len(runs):.0%} | "
-        f"{median(evaluations):.0f} | {median([run.seconds for run in arrived if run.seconds is not None]):.2f} | "
+        f"{median(evaluations):.0f} | {f'{median(seconds):.2f}' if seconds else '–'} | "
         f"{median([run.loss_over_best for run in runs]):.2f} | {max(run.loss_over_best for run in runs):.2f} | "
         f"{100 * sum(run.novel_error for run in runs) / len(runs):.1f} |"
     )
