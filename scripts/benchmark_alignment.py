@@ -22,7 +22,7 @@ from typing import Any
 
 import torch
 from alignment_cases import align_case
-from targets import RESUMABLE, SHARED, Target, exit_status, open_probes, read_targets, sweep_options
+from targets import RESUMABLE, SHARED, SweepInputs, Target, exit_status, read_targets, sweep_options
 
 import torchbrdf as tb
 from torchbrdf.files import writing
@@ -95,19 +95,14 @@ def run(options: argparse.Namespace) -> int:
     turned, targets = read_targets(options.turned), read_targets(options.targets)
     if any("rotation" not in target.metadata for target in turned):
         raise ValueError(f"{options.turned}: targets of probes that were not turned; make them with --turned 5")
-    paths = {path.stem: path for path in sorted(options.probes.glob("*")) if path.stem in {t.probe for t in targets}}
-    missing = {target.probe for target in [*targets, *turned]} - set(paths)
-    if missing:
-        raise ValueError(f"{options.probes}: no probe {', '.join(sorted(missing))} here, under which targets were made")
-    library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
-    fingerprints = {name: probe.fingerprint for name, probe in open_probes(list(paths.values())).items()}
+    names = {target.probe for target in [*targets, *turned]}
+    inputs = SweepInputs.open(options.library, options.probes, names)
     places = {
-        "library_path": str(options.library.resolve()) if options.library else "default",
-        "probe_paths": {name: str(path.resolve()) for name, path in paths.items()},
+        **inputs.places,
         "turned": str(options.turned.resolve()),
         "unturned": str(options.targets.resolve()),
     }
-    common = {"library": library.source, "probes": fingerprints, "noise": options.noise, "seed": options.seed}
+    common = {"library": inputs.library.source, "probes": inputs.probes, "noise": options.noise, "seed": options.seed}
     tasks = [
         Task(
             f"{target.probe}-{target.material}",

@@ -23,9 +23,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from precondition_cases import precondition
-from targets import RESUMABLE, SHARED, exit_status, open_probes, read_targets, sweep_options
+from targets import RESUMABLE, SHARED, SweepInputs, exit_status, read_targets, sweep_options
 
-import torchbrdf as tb
 from torchbrdf.analytic_image_fit import Method
 from torchbrdf.analytic_models import MODELS
 from torchbrdf.files import writing
@@ -122,6 +121,8 @@ def comparisons(cases: Sequence[Row]) -> list[str]:
             runs = {run.kind: run for run in runs_of(case) if run.method == method}
             if runs:
                 pairs.append((runs["default"], runs["reconstruction"]))
+        if not pairs:
+            continue
         worse = sum(ours.loss_over_best > NEAR_BEST * usual.loss_over_best for usual, ours in pairs)
         stuck = [ours for usual, ours in pairs if usual.evaluations is None]
         both = [
@@ -141,21 +142,14 @@ def comparisons(cases: Sequence[Row]) -> list[str]:
 
 def run(options: argparse.Namespace) -> int:
     targets = read_targets(options.targets)
-    names = {target.probe for target in targets}
-    paths = {path.stem: path for path in sorted(options.probes.glob("*")) if path.stem in names}
-    missing = (names | set(options.observed)) - set(paths)
-    if missing:
-        raise ValueError(f"{options.probes}: no probe {', '.join(sorted(missing))} here, under which targets were made")
-    library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
-    fingerprints = {name: probe.fingerprint for name, probe in open_probes(list(paths.values())).items()}
-    places = {
-        "library_path": str(options.library.resolve()) if options.library else "default",
-        "probe_paths": {name: str(path.resolve()) for name, path in paths.items()},
-        "targets": str(options.targets.resolve()),
-    }
+    inputs = SweepInputs.open(options.library, options.probes, {target.probe for target in targets})
+    strange = set(options.observed) - set(inputs.probes)
+    if strange:
+        raise ValueError(f"{options.targets}: no targets under {', '.join(sorted(strange))}, to be --observed")
+    places = {**inputs.places, "targets": str(options.targets.resolve())}
     common = {
-        "library": library.source,
-        "probes": fingerprints,
+        "library": inputs.library.source,
+        "probes": inputs.probes,
         "methods": options.methods,
         "random_starts": options.random_starts,
         "noise": options.noise,

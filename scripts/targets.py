@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import torch
@@ -79,6 +79,34 @@ def open_probes(paths: Sequence[Path]) -> dict[str, tb.LightProbe]:
             raise ValueError(f"{path}: another probe is called {path.stem}, too; rename one of the files")
         probes[path.stem] = tb.LightProbe.open(path)
     return probes
+
+
+@dataclass(frozen=True)
+class SweepInputs:
+    """What the tasks of a sweep over targets read: the library and the probes under which targets were made.
+
+    library   opened; probes: name -> fingerprint
+    places    where they lie, for `Task.places`
+    """
+
+    library: tb.MaterialLibrary
+    probes: Mapping[str, str]
+    places: Mapping[str, Any]
+
+    @classmethod
+    def open(cls, library: Path | None, folder: Path, names: set[str]) -> "SweepInputs":
+        """The embedded library for None, and probes by name in a folder. Raises ValueError where one is missing."""
+        paths = {path.stem: path for path in sorted(folder.glob("*")) if path.stem in names}
+        missing = names - set(paths)
+        if missing:
+            raise ValueError(f"{folder}: no probe {', '.join(sorted(missing))} here, under which targets were made")
+        opened = tb.MaterialLibrary.from_merl(library) if library else tb.MaterialLibrary.default()
+        places = {
+            "library_path": str(library.resolve()) if library else "default",
+            "probe_paths": {name: str(path.resolve()) for name, path in paths.items()},
+        }
+        probes = {name: probe.fingerprint for name, probe in open_probes(list(paths.values())).items()}
+        return cls(opened, probes, places)
 
 
 @dataclass(frozen=True, eq=False)
