@@ -174,8 +174,7 @@ def fit_analytic_batch(
 def serial_operations() -> Iterator[int]:
     """One thread for each operation of torch and BLAS, whose threads cost more than such small operations gain.
 
-    Gives the number that torch had. Operations inside can be differentiated, whatever
-    mode the caller is in.
+    Gives the number that torch had. Operations inside can be differentiated, whatever mode the caller is in.
     """
     from threadpoolctl import threadpool_limits
 

@@ -1,6 +1,5 @@
 """The cosines of pairs of directions that isotropic analytic BRDFs are written in."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import torch
@@ -73,11 +72,5 @@ class ShadingGeometry:
 
     def to(self, dtype: torch.dtype) -> "ShadingGeometry":
         """The same in another precision."""
-        return self._map(lambda field: field if field.dtype == torch.bool else field.to(dtype))
-
-    def __getitem__(self, chosen: Tensor) -> "ShadingGeometry":
-        """Some of the pairs."""
-        return self._map(lambda field: field[chosen])
-
-    def _map(self, function: Callable[[Tensor], Tensor]) -> "ShadingGeometry":
-        return ShadingGeometry(**{field.name: function(getattr(self, field.name)) for field in fields(self)})
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return ShadingGeometry(**{name: v if v.dtype == torch.bool else v.to(dtype) for name, v in values.items()})
