@@ -123,6 +123,20 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def interruptible() -> Iterator[None]:
+    """Ctrl-C ends what the tests start, even where a shell runs them in the background, which makes them ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(autouse=True)
+def seeded() -> None:
+    """The same random numbers in every run, and in every order of the tests."""
+    torch.manual_seed(0)
+
+
 @pytest.fixture
 def must_end() -> Iterator[None]:
     """Turn an endless loop into a failure: a minute is a hundred times what these tests need."""
