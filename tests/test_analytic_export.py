@@ -13,19 +13,12 @@ import torch
 from bsdf_cases import bsdf_f_r, direction_pairs
 from conftest import ROOT
 
-from torchbrdf.analytic_export import (
-    FORMATS,
-    SURFACES,
-    format_of,
-    mitsuba_bsdf,
-    native_fit,
-    write_binary,
-    write_gltf,
-    write_materialx,
-    write_mitsuba,
-)
+from torchbrdf.analytic_export import FORMATS, format_of, native_fit, write_binary
 from torchbrdf.analytic_fit import AnalyticFit
+from torchbrdf.gltf import write_gltf
+from torchbrdf.materialx import SURFACES, write_materialx
 from torchbrdf.merl import MerlTable
+from torchbrdf.mitsuba_material import mitsuba_bsdf, write_mitsuba
 
 NAME = "brass & <rough> 2"
 

@@ -1,12 +1,18 @@
-"""A glTF 2.0 file that shows one material on a sphere: positions and normals, no textures, camera or light [Khr21]."""
+"""An analytic BRDF as the material of a sphere in a glTF 2.0 file [Khr21]."""
 
 import base64
 import json
+import os
 import struct
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+
+from torchbrdf.analytic_fit import AnalyticFit
+from torchbrdf.material_file import METALLIC_ROUGHNESS, check_native, checked_path, colour, number, write_whole
+
+GLTF_SUFFIXES = (".glb", ".gltf")
 
 _SUBDIVISIONS = 4
 """Of an icosahedron: 2562 vertices; the silhouette is within 0.1 % of a circle."""
@@ -14,7 +20,27 @@ _SUBDIVISIONS = 4
 _FLOAT, _UNSIGNED_SHORT, _VERTICES, _TRIANGLES = 5126, 5123, 34962, 34963
 
 
-def gltf_text(material: Mapping[str, Any]) -> str:
+def write_gltf(fit: AnalyticFit, path: str | os.PathLike[str]) -> None:
+    """Write a sphere of the material, without textures, as glTF 2.0: .glb, or .gltf with the mesh inside.
+
+    The mesh has positions and normals; a viewer brings camera and light. [Khr21]
+    Raises ValueError for a model other than metallic-roughness, or another suffix.
+    """
+    path = checked_path(path, "gltf", GLTF_SUFFIXES)
+    check_native(fit, "glTF", (METALLIC_ROUGHNESS,))
+    material = {
+        "name": fit.name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [*colour(fit, "base_color"), 1.0],
+            "metallicFactor": number(fit, "metallic"),
+            "roughnessFactor": number(fit, "roughness"),
+        },
+        "extras": {"torchbrdf": str(fit)},
+    }
+    write_whole(path, _glb_bytes(material) if path.suffix.lower() == ".glb" else _gltf_text(material).encode())
+
+
+def _gltf_text(material: Mapping[str, Any]) -> str:
     """The content of a .gltf file, with its buffer inside.
 
     material  as in the list "materials" of glTF
@@ -24,7 +50,7 @@ def gltf_text(material: Mapping[str, Any]) -> str:
     return json.dumps(document, indent=1) + "\n"
 
 
-def glb_bytes(material: Mapping[str, Any]) -> bytes:
+def _glb_bytes(material: Mapping[str, Any]) -> bytes:
     """The content of a .glb file: chunks padded to 4 bytes [Khr21, sec. 4.4]."""
     document, binary = _sphere(material)
     text = json.dumps(document, separators=(",", ":")).encode()
