@@ -184,14 +184,16 @@ class TestScale:
             assert weight_change(one, other) < 1e-6
 
     def test_a_rendered_probe_at_other_scales(self, real: "Real"):
-        """Some samples round into a neighbouring cell."""
-        results = []
-        for factor in (1.0, 1e-8, 1e8):
-            probe = real.probe.scaled(factor)
-            basis = tb.render_basis(real.library, probe, real.view, samples=4096)
-            results.append(BRDFEstimator(basis, real.classes)(tb.render(real.table, probe, real.view, 4096, seed=1)))
-        assert weight_change(results[0], results[1]) < 1e-3
-        assert weight_change(results[0], results[2]) < 1e-3
+        """Some samples round into a neighbouring cell: much less than other samples would change."""
+
+        def recovered(probe: tb.LightProbe, seed: int) -> Reconstruction:
+            basis = tb.render_basis(real.library, probe, real.view, samples=4096, seed=seed)
+            return BRDFEstimator(basis, real.classes)(tb.render(real.table, probe, real.view, 4096, seed=1))
+
+        result = recovered(real.probe, 0)
+        noise = difference(result.weights, recovered(real.probe, 2).weights)
+        for factor in (1e-8, 1e8):
+            assert weight_change(result, recovered(real.probe.scaled(factor), 0)) < 0.03 * noise < 0.01
 
 
 class TestColumns:
