@@ -43,4 +43,5 @@ def descend(variables: FitVariables, start: np.ndarray, residuals: Residuals, mo
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    return Minimum(best, history[-1].loss, converged, evaluations, evaluations, tuple(history))
+    seconds = time.perf_counter() - began
+    return Minimum(best, history[-1].loss, converged, evaluations, evaluations, seconds, tuple(history))

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +17,9 @@ _TOLERANCE = 1e-7
 
 _INSIDE = 1e-4
 """A start lies at least this share of the range inside the bounds: the method cannot leave one."""
+
+_SECOND_INSIDE = 0.2
+"""That of a second search, which climbs out of the valleys in which a first may end (docs/analytic.md)."""
 
 
 class Residuals(Protocol):
@@ -52,6 +55,7 @@ class Minimum:
     loss         sum of the squares of the residuals
     converged    the method met its tolerance
     iterations   accepted steps, and the first point; evaluations: of the residuals
+    seconds      it took
     history      whenever the loss fell
     """
 
@@ -60,11 +64,17 @@ class Minimum:
     converged: bool
     iterations: int
     evaluations: int
+    seconds: float
     history: tuple[Progress, ...]
 
 
-def minimise(variables: FitVariables, start: np.ndarray, residuals: Residuals, most_evaluations: int) -> Minimum:
-    """The least sum of squares from one start (V,) within the bounds, with at most so many evaluations."""
+def minimise(
+    variables: FitVariables, start: np.ndarray, residuals: Residuals, most_evaluations: int, inside: float = _INSIDE
+) -> Minimum:
+    """The least sum of squares from one start (V,) within the bounds, with at most so many evaluations.
+
+    inside  the start is first moved so far inside the bounds, as a share of the range
+    """
     from scipy.optimize import least_squares
 
     began, history = time.perf_counter(), []
@@ -84,10 +94,10 @@ def minimise(variables: FitVariables, start: np.ndarray, residuals: Residuals, m
         return variables.jacobian(residuals.along(at.f_r, at.tangents), at.signs)
 
     lower, upper = variables.bounds
-    inside = np.clip(start, lower + _INSIDE * (upper - lower), upper - _INSIDE * (upper - lower))
+    margin = inside * (upper - lower)
     solved = least_squares(
         values,
-        inside,
+        np.clip(start, lower + margin, upper - margin),
         jacobian,
         (lower, upper),
         x_scale="jac",
@@ -97,7 +107,33 @@ def minimise(variables: FitVariables, start: np.ndarray, residuals: Residuals, m
         max_nfev=most_evaluations,
     )
     return Minimum(
-        solved.x, float(2 * solved.cost), bool(solved.status > 0), int(solved.njev), evaluations, tuple(history)
+        solved.x,
+        float(2 * solved.cost),
+        bool(solved.status > 0),
+        int(solved.njev),
+        evaluations,
+        time.perf_counter() - began,
+        tuple(history),
+    )
+
+
+def climb_out(variables: FitVariables, found: Minimum, residuals: Residuals, most_evaluations: int) -> Minimum:
+    """The better of a minimum and of a second search from it, moved inside the bounds; it counts both.
+
+    most_evaluations  of the second search
+    """
+    second = minimise(variables, found.x, residuals, most_evaluations, _SECOND_INSIDE)
+    later = [
+        Progress(found.evaluations + one.evaluations, found.seconds + one.seconds, one.loss)
+        for one in second.history
+        if one.loss < found.loss
+    ]
+    return replace(
+        best_of([found, second]),
+        iterations=found.iterations + second.iterations,
+        evaluations=found.evaluations + second.evaluations,
+        seconds=found.seconds + second.seconds,
+        history=(*found.history, *later),
     )
 
 
