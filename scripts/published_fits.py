@@ -11,7 +11,7 @@ those in [LKYU12], and with the factors Ashikhmin-Shirley, for one, is off by 0.
 scripts/benchmark_published_fits.py.
 
 Lengths in the fits of He et al.'s model are taken in micrometres, under light of 0.55: the median error in L2, which
-[NDM05] minimised, is 0.482, and 0.57 if they are in wavelengths. Where a lobe is a model of torchbrdf but for
+[NDM05] minimised, is then 0.48, and 0.57 if they are in wavelengths. Where a lobe is a model of torchbrdf but for
 constants, it is evaluated as that model.
 """
 
