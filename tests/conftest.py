@@ -133,7 +133,7 @@ def interruptible() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def seeded() -> None:
-    """The same random numbers in every run, and in every order of the tests."""
+    """The same random numbers in every run; what lives longer than a test takes a generator."""
     torch.manual_seed(0)
 
 

@@ -150,7 +150,7 @@ def test_power_of_real_probes(shared_data: Path):
         kept = power(rotate_probes(probe, rotations)) / before - 1
         assert float(kept.abs().max()) < 1e-5, name
         unscaled = power(rotate_probes(probe, rotations, keep_power=False)) / before - 1
-        assert float(unscaled.abs().max()) < (0.02 if name == "grace.hdr" else 1e-3), name
+        assert float(unscaled.abs().max()) < (0.02 if name == "grace.hdr" else 4e-4), name
 
 
 def test_gradients_of_radiance_and_rotation():

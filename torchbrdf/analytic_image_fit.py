@@ -1,7 +1,7 @@
 """Inverse rendering of an analytic BRDF: its parameters straight from a photograph, by our own transport.
 
 It minimises `image_residuals` between the photograph and the rendering of the parameters. From a start that knows
-nothing this search is long, and may end on a wrong hill (docs/analytic.md); `fit_analytic` of a reconstruction is a
+nothing this search is long, and may end in a wrong valley (docs/analytic.md); `fit_analytic` of a reconstruction is a
 start that knows.
 """
 
@@ -49,8 +49,8 @@ def fit_analytic_to_image(
     start      parameters, or a fit of the same model to a reconstruction; None: several starts that know nothing
     method     "adam", gradient descent as inverse rendering uses it, or "least-squares", which takes fewer steps
     shared     parameters that are no colours are the same for R, G and B
-    most_evaluations  of the model from each start; None: 600 or 100. Half of those of least squares are for a second
-               search from the best end, moved inside the bounds: the first may have ended in a valley
+    most_evaluations  of the model from each start; None: 600 or 100. Least squares keep at least half of them for a
+               second search from the best end, moved inside the bounds: the first may have ended in a valley
     transport  `CellTransport.build(probe, view)`, to render many photographs or starts with
     Raises ValueError for shapes that do not fit, a photograph that is black, NaN or infinite, or an unknown method.
     """
@@ -66,12 +66,12 @@ def fit_analytic_to_image(
     if transport.view.fingerprint != view.fingerprint or transport.probe != probe.fingerprint:
         raise ValueError(f"the transport was built for another probe or for {transport.view}, not for {view}")
     residuals = ImageResiduals.of_image(image, transport, mask)
-    search, second = (descend, 0) if method == "adam" else (minimise, most // 2)
+    search, first = (descend, most) if method == "adam" else (minimise, (most + 1) // 2)
     with serial_operations():
-        ends = [search(variables, x, residuals, most - second) for x in starting_points(variables, start)]
+        ends = [search(variables, x, residuals, first) for x in starting_points(variables, start)]
         ends.sort(key=lambda end: end.loss)
-        if second:
-            ends[0] = climb_out(variables, ends[0], residuals, second)
+        if first < most:
+            ends[0] = climb_out(variables, ends[0], residuals, most)
     best = ends[0]
     warnings = () if best.converged else (f"not converged after {most} evaluations; raise most_evaluations",)
     return AnalyticFit(

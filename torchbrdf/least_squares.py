@@ -120,16 +120,18 @@ def minimise(
 def climb_out(variables: FitVariables, found: Minimum, residuals: Residuals, most_evaluations: int) -> Minimum:
     """The better of a minimum and of a second search from it, moved inside the bounds; it counts both.
 
-    most_evaluations  of the second search
+    most_evaluations  of both together
     """
-    second = minimise(variables, found.x, residuals, most_evaluations, _SECOND_INSIDE)
+    left = most_evaluations - found.evaluations
+    second = minimise(variables, found.x, residuals, left, _SECOND_INSIDE)
+    better = second if second.loss < (1 - _TOLERANCE) * found.loss else found
     later = [
         Progress(found.evaluations + one.evaluations, found.seconds + one.seconds, one.loss)
         for one in second.history
         if one.loss < found.loss
     ]
     return replace(
-        best_of([found, second]),
+        better,
         iterations=found.iterations + second.iterations,
         evaluations=found.evaluations + second.evaluations,
         seconds=found.seconds + second.seconds,

@@ -191,8 +191,8 @@ class LightProbe:
 
         rotation   (3, 3), orthonormal with determinant +1
         Resampled by area means of bilinear lookups, which soften edges by less than a texel and keep the
-        energy to 0.05 % (0.5 % where a few texels at a pole hold most of it: Grace Cathedral); a turn
-        about +Y by whole texels is exact.
+        energy to 0.02 % (1 % where a few texels at a pole hold most of it: Grace Cathedral); a turn about +Y by
+        whole texels is exact.
         """
         return self._derived(rotate(self._radiance, checked_rotation(rotation)))
 
