@@ -12,6 +12,8 @@ from pathlib import Path
 from types import ModuleType
 
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")  # as torchbrdf sets it where it is imported before torch
+if "PYTEST_XDIST_WORKER" in os.environ:  # the processes of a run share the cores
+    os.environ["OMP_NUM_THREADS"] = "1"
 
 import hypothesis
 import pytest
