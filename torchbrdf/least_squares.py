@@ -124,14 +124,14 @@ def climb_out(variables: FitVariables, found: Minimum, residuals: Residuals, mos
     """
     left = most_evaluations - found.evaluations
     second = minimise(variables, found.x, residuals, left, _SECOND_INSIDE)
-    better = second if second.loss < (1 - _TOLERANCE) * found.loss else found
+    least = (1 - _TOLERANCE) * found.loss
     later = [
         Progress(found.evaluations + one.evaluations, found.seconds + one.seconds, one.loss)
         for one in second.history
-        if one.loss < found.loss
+        if one.loss < least
     ]
     return replace(
-        better,
+        second if second.loss < least else found,
         iterations=found.iterations + second.iterations,
         evaluations=found.evaluations + second.evaluations,
         seconds=found.seconds + second.seconds,
