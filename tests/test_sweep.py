@@ -126,7 +126,7 @@ class TestKeeping:
         sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another function; choose"):
             sweep(fails_at_two, tasks(tmp_path / "log"), tmp_path / "out")
-        monkeypatch.setattr("torchbrdf.__version__", "0.0.0")
+        monkeypatch.setattr("torchbrdf.sweep.__version__", "0.0.0")
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another version; choose"):
             sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
 

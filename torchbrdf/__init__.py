@@ -7,6 +7,7 @@ import os
 # Spinning shortly costs nothing on quiet ones (docs/mitsuba.md).
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")
 
+from torchbrdf._version import __version__ as __version__
 from torchbrdf.alignment import Alignment, align
 from torchbrdf.analytic_fit import AnalyticFit, fit_analytic, fit_analytic_batch
 from torchbrdf.analytic_image_fit import fit_analytic_to_image
@@ -52,5 +53,3 @@ __all__ = [
     "render_directional",
     "write_image",
 ]
-
-__version__ = "0.6.0"

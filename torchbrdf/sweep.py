@@ -27,6 +27,7 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
+from torchbrdf._version import __version__
 from torchbrdf.files import writing
 
 _CONNECT_SECONDS = 10
@@ -90,8 +91,6 @@ class Call:
 
 def versions() -> tuple[str, str]:
     """Of torchbrdf and torch."""
-    from torchbrdf import __version__
-
     return __version__, torch.__version__
 
 

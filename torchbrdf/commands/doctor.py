@@ -17,7 +17,7 @@ from textwrap import fill
 
 import torch
 
-import torchbrdf
+from torchbrdf._version import __version__
 from torchbrdf.files import cache_folder
 from torchbrdf.mitsuba_backend.check import DRJIT_CACHE_VARIABLE, Trial, try_render
 from torchbrdf.mitsuba_backend.startup import (
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _versions(section: Section) -> None:
-    section.add("torchbrdf", torchbrdf.__version__)
+    section.add("torchbrdf", __version__)
     section.add("Python", f"{platform.python_version()} ({sys.executable or 'unknown executable'})")
     section.add("system", f"{platform.system()} {platform.release()} {platform.machine()}")
     for package, module in PACKAGES.items():
