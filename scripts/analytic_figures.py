@@ -16,7 +16,7 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.analytic_models import model_of
 from torchbrdf.cell_transport import CellTransport
-from torchbrdf.transport import render_tables
+from torchbrdf.rendering import render_tables
 
 MATERIALS = ("gold-paint", "blue-acrylic", "brass", "green-latex")
 MODELS = ("metallic-roughness", "ggx", "cook-torrance", "ashikhmin-shirley", "low-microfacet", "principled")

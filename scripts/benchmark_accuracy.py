@@ -40,7 +40,8 @@ import torchbrdf as tb
 from torchbrdf.estimator import DEFAULT_PENALTY
 from torchbrdf.merl_directory import table_paths
 from torchbrdf.metrics import relative_rms
-from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
+from torchbrdf.rendering import render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 SIZE = 64
 """Pixels along a side of the targets of --merl-targets."""

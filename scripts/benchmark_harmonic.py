@@ -28,7 +28,8 @@ from torch import Tensor
 from torchbrdf import BRDFEstimator, LightProbe, MaterialClasses, MaterialLibrary, MeshView, NormalMapView, SphereView
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.harmonic_grid import zones
-from torchbrdf.transport import DEFAULT_SAMPLES, render_basis
+from torchbrdf.rendering import render_basis
+from torchbrdf.transport import DEFAULT_SAMPLES
 from torchbrdf.view import View
 
 PROBES = ("default", "grace.hdr", "ennis.hdr", "uffizi.hdr", "forest.exr")

@@ -32,8 +32,9 @@ from tqdm import tqdm
 from torchbrdf import BasisImages, LightProbe, MaterialLibrary, MerlTable, MeshView, SphereView, View, render_basis
 from torchbrdf.metrics import relative_rms
 from torchbrdf.mitsuba_backend import MitsubaScene
+from torchbrdf.rendering import render_tables
 from torchbrdf.ring_lookup import unsuited
-from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 MATERIALS = ("pink-felt", "light-red-paint", "red-metallic-paint", "black-phenolic", "brass", "chrome")

@@ -24,7 +24,8 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.files import writing
 from torchbrdf.merl import GRID, N_CELLS, above_horizon
-from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
+from torchbrdf.rendering import render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 NAIVE, ONE_CLASS, _, PAPER, OURS = BASELINES
 """What the figures compare: |Y w - y| alone; lambda 0.5 with one class, with four; the default, penalty="auto"."""

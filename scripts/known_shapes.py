@@ -46,7 +46,8 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.basis_images import FEWEST_NORMALS
-from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
+from torchbrdf.rendering import render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared" / "data"

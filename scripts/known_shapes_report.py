@@ -13,7 +13,7 @@ from torch.nn.functional import avg_pool2d, interpolate
 
 import torchbrdf as tb
 from torchbrdf.images import tone_map
-from torchbrdf.transport import render_tables
+from torchbrdf.rendering import render_tables
 
 LIGHTS = (0, 136)
 """Directional lights in degrees, as the paper's; see torchbrdf.directional."""

@@ -15,7 +15,8 @@ import torchbrdf as tb
 from torchbrdf.estimator import DEFAULT_PENALTY, Penalty
 from torchbrdf.metrics import relative_rms
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
-from torchbrdf.transport import DEFAULT_SAMPLES, render_tables
+from torchbrdf.rendering import render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 PENALTIES: dict[str, Penalty] = {"default": DEFAULT_PENALTY, "paper": "paper"}
 

@@ -25,7 +25,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.light_harmonics import TurningLight
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render_tables
+from torchbrdf.rendering import render_tables
 from torchbrdf.view import SphereView
 
 ROOT = Path(__file__).resolve().parent.parent

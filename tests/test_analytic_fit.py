@@ -20,9 +20,9 @@ from torchbrdf.directions import from_half_difference
 from torchbrdf.fit_variables import FitVariables
 from torchbrdf.least_squares import best_of, minimise
 from torchbrdf.merl import GRID, above_horizon, cell_centres
+from torchbrdf.rendering import render_tables
 from torchbrdf.shading_geometry import ShadingGeometry
 from torchbrdf.table_residuals import TableResiduals, fit_cells
-from torchbrdf.transport import render_tables
 
 COARSE = (2, 9, 22)
 """Every so many cells of theta_h, theta_d and phi_d."""

@@ -12,7 +12,7 @@ from torchbrdf.estimator import BRDFEstimator
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.mitsuba_backend import bake_basis, baking
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import NormalMapView, SphereView
 
 pytestmark = pytest.mark.usefixtures("mitsuba")

@@ -10,7 +10,7 @@ from torchbrdf.basis_images import BasisImages
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import SphereView
 
 SIZE = 8

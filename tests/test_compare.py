@@ -19,8 +19,8 @@ from torchbrdf.directional import render_directional
 from torchbrdf.images import tone_map
 from torchbrdf.merl import MerlTable, cell_centres
 from torchbrdf.probe import LightProbe
+from torchbrdf.rendering import render_tables
 from torchbrdf.report_page import source_hash
-from torchbrdf.transport import render_tables
 from torchbrdf.turned_spheres import COMPARE_STYLE, LIGHT
 from torchbrdf.view import SphereView
 

@@ -12,7 +12,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import above_horizon
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.transport import render, render_basis
+from torchbrdf.rendering import render, render_basis
 from torchbrdf.view import SphereView
 
 HEIGHT, WIDTH = 7, 9

@@ -17,7 +17,7 @@ from torchbrdf.harmonic_basis import HarmonicBasis
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import NormalMapView, SphereView, SurfacePoints, View
 
 SPHERE = SphereView(16)

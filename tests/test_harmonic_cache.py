@@ -21,7 +21,7 @@ from torchbrdf.harmonic import HarmonicTransport
 from torchbrdf.harmonic_cache import is_precomputed, transport_of
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import SphereView
 
 COARSE = {
@@ -143,7 +143,7 @@ for name, value in {COARSE!r}.items():
 from torchbrdf import harmonic_cache
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import SphereView
 def never(*_): raise AssertionError("computed again")
 harmonic_cache.compute_group = never

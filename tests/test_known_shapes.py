@@ -9,7 +9,7 @@ import trimesh
 from conftest import load_script
 
 import torchbrdf as tb
-from torchbrdf.transport import render_tables
+from torchbrdf.rendering import render_tables
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*supports 1 material class")
 

@@ -21,7 +21,7 @@ from torchbrdf.images import write_image
 from torchbrdf.live_page import LIVE_STYLE, content_security_policy, page
 from torchbrdf.live_server import LiveServer, listen, rotation_matrix
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render
+from torchbrdf.rendering import render
 from torchbrdf.view import SphereView
 
 SIZE = 48

@@ -13,8 +13,8 @@ from torchbrdf.merl import GRID, MerlTable, above_horizon
 from torchbrdf.observability import CANNOT, HARDLY, Observability, observability
 from torchbrdf.prior_bank import PriorBank, prior_variances
 from torchbrdf.probe import LightProbe
+from torchbrdf.rendering import render_basis
 from torchbrdf.report_observability import heat_map, observability_section
-from torchbrdf.transport import render_basis
 from torchbrdf.view import SphereView
 
 VIEW = SphereView(16)

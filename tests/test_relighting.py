@@ -9,7 +9,7 @@ from conftest import glossy, lambert
 from torchbrdf import LightProbe, MaterialLibrary, MerlTable, SphereView
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.relighting import Relighter
-from torchbrdf.transport import render_tables
+from torchbrdf.rendering import render_tables
 
 SIZE = 32
 TURNS = {"as it is": (0.0, 1), "about the vertical": (50.0, 1), "about the view": (50.0, 2)}

@@ -15,6 +15,7 @@ from torchbrdf.estimator import BRDFEstimator
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
+from torchbrdf.rendering import render, render_basis
 from torchbrdf.report import write_report
 from torchbrdf.report_deviations import Spread, relative_spread, retroreflection_rows
 from torchbrdf.report_evidence import (
@@ -36,7 +37,6 @@ from torchbrdf.report_figures import (
     stops_for,
     theta_h_curve,
 )
-from torchbrdf.transport import render, render_basis
 from torchbrdf.view import NormalMapView, SphereView
 
 VOID = {"meta", "img", "br", "link", "input", "hr", "circle", "line", "path", "rect"}

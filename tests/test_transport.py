@@ -14,7 +14,8 @@ from torchbrdf.light_strata import SIDE, LightStrata
 from torchbrdf.merl import MerlTable
 from torchbrdf.metrics import relative_rms
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import DEFAULT_SAMPLES, plan_transport, render, render_basis, render_tables
+from torchbrdf.rendering import render, render_basis, render_tables
+from torchbrdf.transport import DEFAULT_SAMPLES, plan_transport
 from torchbrdf.transport_importance import Lobes, allocate, stratum_importance
 from torchbrdf.transport_sampling import reflection
 from torchbrdf.view import NormalMapView, SphereView, View

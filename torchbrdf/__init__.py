@@ -23,7 +23,7 @@ from torchbrdf.mitsuba_backend.camera import Camera
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.transport import render, render_basis
+from torchbrdf.rendering import render, render_basis
 from torchbrdf.view import NormalMapView, SphereView, View
 
 __all__ = [

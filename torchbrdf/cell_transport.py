@@ -1,6 +1,6 @@
 """The transport of a probe and a view as one sparse matrix from cells to pixels, for BRDFs that change often.
 
-`transport.render` looks a table up at samples. Here the samples are drawn once and summed by cell, so that a BRDF that
+`rendering.render` looks a table up at samples. Here the samples are drawn once and summed by cell, so that a BRDF that
 is a function of angles is evaluated once for each cell, and rendered, and differentiated, by sparse products. A model
 changes slowly with phi_d: cells are widened to _WIDTH of MERL's, at the mean phi_d of the samples in them.
 """

@@ -11,11 +11,11 @@ from torchbrdf.brdf_difference import BRDFDifference
 from torchbrdf.energy_bounds import albedo_rule
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
+from torchbrdf.rendering import render_tables
 from torchbrdf.report_figures import (
     exposure_for,
 )
 from torchbrdf.report_pictures import short_name
-from torchbrdf.transport import render_tables
 from torchbrdf.view import SphereView
 
 SIZE, SAMPLES = 192, 1024

@@ -10,7 +10,7 @@ from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import GRID
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import SphereView
 
 _SPREAD_SIZE, _SPREAD_SAMPLES = 48, 256

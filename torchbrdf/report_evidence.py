@@ -15,8 +15,8 @@ from torchbrdf.merl import MerlTable
 from torchbrdf.metrics import relative_rms
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
+from torchbrdf.rendering import render_tables
 from torchbrdf.report_deviations import Spread, gather_spread
-from torchbrdf.transport import render_tables
 from torchbrdf.view import SphereView, View
 
 LARGE_RESIDUAL = 0.05

@@ -1,11 +1,11 @@
-"""Light transport between a probe and a view: basis images [CBP21, eq. 5] and renderings of one table.
+"""Light transport between a probe and a view by samples: images of columns of B [CBP21, eq. 5].
 
 For every pixel a set of weighted MERL cells stands for the integral over light directions and over the pixel's
 area: radiance = sum_s weight_s f_r(cell_s). Basis images gather rows of B by those cells; a rendering of one
 table gathers its values. A pilot with few samples says which pixels need many.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -15,7 +15,7 @@ from tqdm import tqdm
 from torchbrdf.basis_images import BasisImages
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.light_strata import LightStrata
-from torchbrdf.merl import GRID, MerlTable
+from torchbrdf.merl import GRID
 from torchbrdf.probe import LightProbe
 from torchbrdf.probe_sampling import LUMINANCE
 from torchbrdf.transport_importance import Lobes, allocate, representatives
@@ -38,76 +38,25 @@ _FIRST_LOOK = 384
 """Pixels that say about how bright each column's image is."""
 
 
-def render_basis(
+def sampled_basis(
     library: MaterialLibrary,
     probe: LightProbe,
     view: View,
-    backend: str = "auto",
-    samples: int | None = None,
+    samples: int,
     seed: int = 0,
     progress: bool = False,
     adaptive: bool = True,
 ) -> BasisImages:
-    """Images Y of every basis BRDF under a probe [CBP21, eq. 5].
-
-    backend   "sampled"; "harmonic", precomputed once per library, some twenty times as fast, for orthographic cameras
-              without shadows; "mitsuba", slower and independent, with an error estimate for every image
-              (`mitsuba_backend.bake_basis`). "auto" is "harmonic" where the library's transport has been precomputed
-              (`torchbrdf precompute`), the view allows it and no samples are given, else "sampled"
-    samples   a pixel, on average over the view, at least 2; None for 4096. Not for "harmonic"
-    adaptive  give the pixels that need it more samples than others; "sampled" only
-    They run on the device that holds the library's columns. Only pixels under the view's mask are computed and only
-    cells that samples touch are read. Raises ValueError for an unknown backend, too few samples, or a view that
-    "harmonic" cannot take.
-    """
-    if backend == "auto":
-        backend = "harmonic" if samples is None and _may_be_harmonic(library, view) else "sampled"
-    if backend == "harmonic":
-        from torchbrdf.harmonic_basis import HarmonicBasis
-
-        return HarmonicBasis(library, probe, view, progress).basis_at()
-    samples = DEFAULT_SAMPLES if samples is None else samples
-    if backend == "mitsuba":
-        from torchbrdf.mitsuba_backend.baking import bake_basis
-
-        return bake_basis(library, probe, view, samples, seed, progress)
-    if backend != "sampled":
-        raise ValueError(f'backend must be "auto", "sampled", "harmonic" or "mitsuba", got {backend!r}')
+    """Images Y of every basis BRDF; `rendering.render_basis` says what the arguments mean."""
     columns, scale = library.stored.columns, library.stored.scale
     library.stored.prefetch()
-    packed = _render(columns, probe, view, samples, seed, adaptive, progress)
+    packed = render_columns(columns, probe, view, samples, seed, adaptive, progress)
     packed = (packed * scale.to(packed.device, torch.float32))[..., library.column_index.to(packed.device)]
-    description = f"{backend}, {samples} samples a pixel, seed {seed}"
+    description = f"sampled, {samples} samples a pixel, seed {seed}"
     return BasisImages.of(packed.permute(2, 0, 1).contiguous(), library, probe, view, description)
 
 
-def _may_be_harmonic(library: MaterialLibrary, view: View) -> bool:
-    from torchbrdf.harmonic_cache import is_precomputed
-    from torchbrdf.ring_lookup import unsuited
-
-    return is_precomputed(library) and unsuited(view) is None
-
-
-def render(
-    table: MerlTable, probe: LightProbe, view: View, samples: int = DEFAULT_SAMPLES, seed: int = 0
-) -> Tensor:
-    """Radiance (3, H, W) of a view whose material is `table`, 0 outside the mask.
-
-    Runs on the device of the probe, as `render_basis` does but in float32.
-    """
-    return render_tables([table], probe, view, samples, seed)[0]
-
-
-def render_tables(
-    tables: Sequence[MerlTable], probe: LightProbe, view: View, samples: int = DEFAULT_SAMPLES, seed: int = 0
-) -> Tensor:
-    """Radiance (K, 3, H, W): `render` of several tables with one set of samples, which cost more than the lookups."""
-    values = torch.cat([table.filled.to(probe.device, torch.float32) for table in tables], dim=1)
-    packed = _render(values, probe, view, samples, seed).unflatten(2, (len(tables), 3))
-    return view.unpack(torch.einsum("cpkc->kcp", packed))
-
-
-def _render(
+def render_columns(
     columns: Tensor,
     probe: LightProbe,
     view: View,

@@ -19,8 +19,8 @@ from torchbrdf.files import writing
 from torchbrdf.images import check_image_suffix, write_image
 from torchbrdf.merl import MerlTable
 from torchbrdf.probe import LightProbe
+from torchbrdf.rendering import render_tables
 from torchbrdf.report_figures import exposure_for
-from torchbrdf.transport import render_tables
 from torchbrdf.view import SphereView
 
 SAMPLES = 1024

@@ -12,7 +12,7 @@ from torchbrdf.merl import MerlTable
 from torchbrdf.metrics import relative_rms
 from torchbrdf.photograph import Observation
 from torchbrdf.probe import LightProbe
-from torchbrdf.transport import render
+from torchbrdf.rendering import render
 from torchbrdf.view import SphereView
 
 MATERIAL = "gold-metallic-paint2"

@@ -20,7 +20,7 @@ from torchbrdf.merl import MerlTable, above_horizon
 from torchbrdf.photograph import LARGEST_DEFAULT_SIZE, Circle, Observation, find_circle, observe, observe_view
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.transport import render_basis
+from torchbrdf.rendering import render_basis
 from torchbrdf.view import SphereView, View
 
 STD = "brdf_std.binary"

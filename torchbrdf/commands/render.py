@@ -6,7 +6,7 @@ from torchbrdf.commands.inputs import open_probe
 from torchbrdf.files import writing
 from torchbrdf.images import check_image_suffix, write_image
 from torchbrdf.merl import MerlTable
-from torchbrdf.transport import render
+from torchbrdf.rendering import render
 from torchbrdf.view import SphereView
 
 
