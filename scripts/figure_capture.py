@@ -21,8 +21,8 @@ import torchbrdf as tb
 from torchbrdf.directional import light_direction
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
 from torchbrdf.mitsuba_backend.scenes import MitsubaScene, light, sensor, shape
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
 from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
+from torchbrdf.mitsuba_startup import load_mitsuba
 from torchbrdf.photograph import Circle
 
 _DIMPLE_AT = (0.42, 0.28, 0.863)

@@ -44,7 +44,7 @@ from tqdm import tqdm
 import torchbrdf as tb
 from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.mitsuba_startup import load_mitsuba
 from torchbrdf.rotation_vectors import rotation_of
 
 INTEGRATOR = {"type": "direct"}

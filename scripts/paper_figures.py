@@ -33,7 +33,7 @@ from targets import RESUMABLE, exit_status
 
 import torchbrdf as tb
 from torchbrdf.files import writing
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.mitsuba_startup import load_mitsuba
 
 SHOWN = {2: SPREAD, 3: CANDIDATES, 5: SPIKES}
 DRAW = {2: figure_2, 3: figure_3, 5: figure_5}

@@ -18,7 +18,7 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.files import writing
 from torchbrdf.images import read_image, read_metadata, tone_map
-from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
+from torchbrdf.mitsuba_startup import MitsubaUnavailableError
 
 FORMAT = "torchbrdf target 1"
 

@@ -159,7 +159,7 @@ def must_end() -> Iterator[None]:
 @pytest.fixture
 def mitsuba() -> Iterator[ModuleType]:
     """Mitsuba in its fast variant, which is the one set after the test, too."""
-    from torchbrdf.mitsuba_backend.startup import FAST_VARIANT, MitsubaUnavailableError, load_mitsuba
+    from torchbrdf.mitsuba_startup.loading import FAST_VARIANT, MitsubaUnavailableError, load_mitsuba
 
     try:
         module = load_mitsuba(FAST_VARIANT)

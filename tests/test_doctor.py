@@ -15,9 +15,9 @@ import torch
 
 from torchbrdf.cli import main
 from torchbrdf.commands import doctor
-from torchbrdf.mitsuba_backend import check
-from torchbrdf.mitsuba_backend.check import Trial, try_render
-from torchbrdf.mitsuba_backend.startup import LLVM_VARIABLE, packaged_llvm
+from torchbrdf.mitsuba_startup import trial as check
+from torchbrdf.mitsuba_startup.loading import LLVM_VARIABLE, packaged_llvm
+from torchbrdf.mitsuba_startup.trial import Trial, try_render
 
 ABORTING = sorted(path for major in (15, 16) for path in Path("/usr/lib").glob(f"*/libLLVM-{major}*.so*"))
 SOUND = Trial(

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 import torchbrdf as tb
-from torchbrdf.mitsuba_backend import sky as sky_module
+from torchbrdf import sky as sky_module
 from torchbrdf.mitsuba_backend.scenes import light, sensor
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.mitsuba_startup.loading import load_mitsuba
 
 CD_PER_UNIT = 683 * 106.75
 """683 lm/W times the integral of the luminous efficiency in nm."""

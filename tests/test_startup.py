@@ -12,18 +12,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from torchbrdf.mitsuba_backend import startup
-from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError, llvm_problem, load_mitsuba, packaged_llvm
+from torchbrdf.mitsuba_startup import loading as startup
+from torchbrdf.mitsuba_startup.loading import MitsubaUnavailableError, llvm_problem, load_mitsuba, packaged_llvm
 
 SYSTEM_LIBRARIES = Path("/usr/lib")
 ABORTING = sorted(path for major in (15, 16) for path in SYSTEM_LIBRARIES.glob(f"*/libLLVM-{major}*.so*"))
 RENDER = """
-from torchbrdf.mitsuba_backend.check import ALBEDO, _render
+from torchbrdf.mitsuba_startup.trial import ALBEDO, _render
 assert abs(_render() - ALBEDO) < 0.1
 """
 LOAD_TWICE = f"""
 import json, warnings
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.mitsuba_startup import load_mitsuba
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     mi = load_mitsuba()
@@ -97,7 +97,7 @@ def test_drjit_loaded_first_keeps_its_llvm(tmp_path):
     """The variable would come too late, and would be blamed for what Dr.Jit found itself."""
     script = """
 import drjit, os
-from torchbrdf.mitsuba_backend import startup
+from torchbrdf.mitsuba_startup import loading as startup
 startup.import_mitsuba()
 result = os.environ.get(startup.LLVM_VARIABLE)
 """
@@ -107,7 +107,7 @@ result = os.environ.get(startup.LLVM_VARIABLE)
 def test_without_mitsuba(tmp_path):
     (tmp_path / "mitsuba.py").write_text("raise ModuleNotFoundError(\"No module named 'mitsuba'\", name='mitsuba')")
     script = """
-from torchbrdf.mitsuba_backend.startup import load_mitsuba
+from torchbrdf.mitsuba_startup import load_mitsuba
 try:
     load_mitsuba()
 except ImportError as error:

@@ -18,7 +18,7 @@ from conftest import degrees_between, load_script
 import torchbrdf as tb
 from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
-from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError, load_mitsuba
+from torchbrdf.mitsuba_startup.loading import MitsubaUnavailableError, load_mitsuba
 
 SIZE = 10
 

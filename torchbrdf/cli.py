@@ -24,7 +24,7 @@ from torchbrdf.commands import (
     verify,
 )
 from torchbrdf.constraints import CONSTRAINTS
-from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError
+from torchbrdf.mitsuba_startup import MitsubaUnavailableError
 from torchbrdf.probe import Layout
 from torchbrdf.transport import DEFAULT_SAMPLES
 

@@ -23,6 +23,7 @@ from torchbrdf.probe_blur import blur
 from torchbrdf.probe_layouts import angular_map_to_latlong, mirror_ball_to_latlong, pixels_in_disc
 from torchbrdf.probe_sampling import ImportanceTables, luminance
 from torchbrdf.procedural_probe import studio_room
+from torchbrdf.sky import sky_radiance
 
 Layout = Literal["latlong", "angular", "mirror_ball"]
 
@@ -109,8 +110,6 @@ class LightProbe:
         of colours outside linear sRGB (very low suns), become 0. Raises ValueError for values out of range,
         MitsubaUnavailableError (an ImportError) where Mitsuba cannot be loaded.
         """
-        from torchbrdf.mitsuba_backend.sky import sky_radiance
-
         rows = _checked_height(height)
         radiance = sky_radiance(sun_elevation, turbidity, sun_azimuth, ground_albedo, sun, rows)
         return cls(radiance, name=f"sky with the sun at {sun_elevation:g} degrees, turbidity {turbidity:g}")

@@ -19,14 +19,16 @@ import torch
 
 from torchbrdf._version import __version__
 from torchbrdf.files import cache_folder
-from torchbrdf.mitsuba_backend.check import DRJIT_CACHE_VARIABLE, Trial, try_render
-from torchbrdf.mitsuba_backend.startup import (
+from torchbrdf.mitsuba_startup import (
+    DRJIT_CACHE_VARIABLE,
     FAST_VARIANT,
     LLVM_PACKAGE,
     LLVM_VARIABLE,
     OLDEST_LLVM,
     SLOW_VARIANT,
+    Trial,
     packaged_llvm,
+    try_render,
 )
 
 PACKAGES = {

@@ -1,4 +1,4 @@
-"""Mitsuba 3 beside the transport of this package: the only place that imports it, when it is first needed."""
+"""Mitsuba 3 beside the transport of this package."""
 
 from torchbrdf.mitsuba_backend.baking import bake_basis
 from torchbrdf.mitsuba_backend.camera import Camera
@@ -6,7 +6,7 @@ from torchbrdf.mitsuba_backend.export import export_scene
 from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, register_merl
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
-from torchbrdf.mitsuba_backend.startup import MitsubaUnavailableError, load_mitsuba
+from torchbrdf.mitsuba_startup import MitsubaUnavailableError, load_mitsuba
 
 __all__ = [
     "Camera",

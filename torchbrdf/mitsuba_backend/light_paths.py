@@ -21,7 +21,7 @@ from torchbrdf.mitsuba_backend.merl_bsdf import (
     sample_direction,
 )
 from torchbrdf.mitsuba_backend.scenes import light
-from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
+from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 from torchbrdf.probe import LightProbe
 from torchbrdf.transport_sampling import TransportSamples
 from torchbrdf.view import View

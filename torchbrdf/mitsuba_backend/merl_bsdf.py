@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from torchbrdf.merl import GRID, MerlTable
-from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
+from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 
 # Arrays, vectors, interactions and samples of Mitsuba have other types in each of its variants.
 Array = Any

@@ -17,8 +17,8 @@ from torchbrdf.merl import MerlTable
 from torchbrdf.mitsuba_backend.camera import Framing
 from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, table_values
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
-from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
 from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
+from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 from torchbrdf.probe import LightProbe, checked_rotation
 from torchbrdf.view import SphereView, View
 

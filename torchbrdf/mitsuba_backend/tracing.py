@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.mitsuba_backend.mesh import TriangleMesh
-from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
+from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 
 
 def to_mitsuba_mesh(mi: ModuleType, mesh: TriangleMesh, bsdf: object = None) -> object:

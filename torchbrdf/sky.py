@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.latlong import patch_of, row_solid_angles, texel_coordinates
-from torchbrdf.mitsuba_backend.startup import is_vectorised, load_mitsuba
+from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 
 SUN_DIAMETER = 0.5358
 """Of the sun's disc in degrees: Mitsuba's default for `sun_aperture`."""

@@ -11,7 +11,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from torchbrdf.mitsuba_backend.startup import (
+from torchbrdf.mitsuba_startup.loading import (
     LLVM_VARIABLE,
     MitsubaUnavailableError,
     import_mitsuba,
