@@ -296,7 +296,7 @@ def pretend(monkeypatch, spheres=None):
 def stand_in(monkeypatch, spheres):
     made = []
     relighter = SimpleNamespace(of=lambda *arguments: made.append(arguments) or spheres)
-    monkeypatch.setitem(sys.modules, "torchbrdf.relighting", SimpleNamespace(Relighter=relighter))
+    monkeypatch.setitem(sys.modules, "torchbrdf.live_relighting", SimpleNamespace(Relighter=relighter))
     return made
 
 
@@ -388,7 +388,7 @@ def test_bad_numbers(capsys, arguments, message):
     ],
 )
 def test_inputs_that_do_not_belong_together(capsys, monkeypatch, arguments, message):
-    monkeypatch.setitem(sys.modules, "torchbrdf.relighting", SimpleNamespace(Relighter=None))
+    monkeypatch.setitem(sys.modules, "torchbrdf.live_relighting", SimpleNamespace(Relighter=None))
     assert main(["live", *arguments]) == 2
     assert capsys.readouterr().err == f"torchbrdf: error: {message}\n"
 

@@ -34,7 +34,7 @@ pixels = _whole_number(16, 512)
 
 def run(options: argparse.Namespace) -> int:
     """Turn the light around spheres of the recovered BRDF and of each class's candidate, in the browser."""
-    from torchbrdf.relighting import Relighter
+    from torchbrdf.live_relighting import Relighter
 
     with listen(options.port) as listener:  # before the fit: a port that is in use is known at once
         title, fitted, library, probe = _recovered(options)

@@ -8,7 +8,7 @@ from conftest import glossy, lambert
 
 from torchbrdf import LightProbe, MaterialLibrary, MerlTable, SphereView
 from torchbrdf.harmonic_cache import transport_of
-from torchbrdf.relighting import Relighter
+from torchbrdf.live_relighting import Relighter
 from torchbrdf.rendering import render_tables
 
 SIZE = 32
