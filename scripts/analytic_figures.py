@@ -14,8 +14,8 @@ from targets import SHARED, Target, exit_status, exposure, on_white, write_sheet
 from torch import Tensor
 
 import torchbrdf as tb
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_models import model_of
-from torchbrdf.cell_transport import CellTransport
 from torchbrdf.rendering import render_tables
 
 MATERIALS = ("gold-paint", "blue-acrylic", "brass", "green-latex")

@@ -17,10 +17,10 @@ from targets import Target
 from torch import Tensor
 
 import torchbrdf as tb
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_fit import AnalyticFit, fit_analytic
 from torchbrdf.analytic_image_fit import Method, fit_analytic_to_image
 from torchbrdf.analytic_models import model_of
-from torchbrdf.cell_transport import CellTransport
 from torchbrdf.fit_variables import FitVariables
 from torchbrdf.metrics import relative_rms
 

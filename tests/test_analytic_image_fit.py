@@ -11,10 +11,10 @@ from torch import Tensor
 
 import torchbrdf as tb
 from torchbrdf import analytic_image_fit
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_fit import AnalyticFit
 from torchbrdf.analytic_image_fit import PIXELS, fit_analytic_to_image
 from torchbrdf.analytic_models import MODELS
-from torchbrdf.cell_transport import CellTransport
 from torchbrdf.fit_variables import FitVariables
 from torchbrdf.gradient_descent import descend
 from torchbrdf.image_residuals import ImageResiduals

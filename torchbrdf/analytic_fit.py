@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_models import Parameters, model_of
 from torchbrdf.brdf_metrics import METRICS
-from torchbrdf.cell_transport import CellTransport
 from torchbrdf.fit_variables import FitVariables
 from torchbrdf.image_residuals import ImageResiduals
 from torchbrdf.least_squares import Minimum, Progress, best_of, minimise

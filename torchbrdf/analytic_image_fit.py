@@ -11,9 +11,9 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_fit import DEFAULT_MODEL, AnalyticFit, serial_operations, starting_points
 from torchbrdf.analytic_models import Parameters, model_of
-from torchbrdf.cell_transport import CellTransport
 from torchbrdf.fit_variables import FitVariables
 from torchbrdf.gradient_descent import descend
 from torchbrdf.image_residuals import ImageResiduals

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchbrdf.cell_transport import CellTransport
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.shading_geometry import ShadingGeometry
 
 

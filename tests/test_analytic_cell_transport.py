@@ -6,8 +6,8 @@ from bsdf_cases import interior, numbers
 from torch import Tensor
 
 import torchbrdf as tb
+from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_models import MODELS
-from torchbrdf.cell_transport import CellTransport
 from torchbrdf.shading_geometry import ShadingGeometry
 
 
