@@ -18,10 +18,11 @@ import torch
 from torchbrdf.cli import main
 from torchbrdf.commands import live
 from torchbrdf.images import write_image
-from torchbrdf.live_page import LIVE_STYLE, content_security_policy, page
+from torchbrdf.live_page import content_security_policy, page
 from torchbrdf.live_server import LiveServer, listen, rotation_matrix
 from torchbrdf.probe import LightProbe
 from torchbrdf.rendering import render
+from torchbrdf.report_style import LIVE_STYLE
 from torchbrdf.view import SphereView
 
 SIZE = 48

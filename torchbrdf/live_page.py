@@ -5,38 +5,8 @@ from functools import cache
 from html import escape
 from importlib.resources import files
 
-from torchbrdf.report_page import STYLE, plate, source_hash
-
-LIVE_STYLE = (
-    STYLE
-    + """
-main { max-width: 1000px; padding-top: 28px; padding-bottom: 28px; }
-h2 { margin-top: 24px; }
-.plate { padding: 20px; }
-.plate + figcaption { max-width: none; }
-canvas { display: block; width: 100%; aspect-ratio: 1; border-radius: 50%; cursor: grab; touch-action: none;
-  user-select: none; -webkit-user-select: none; }
-canvas:focus { outline: none; }
-canvas:focus-visible { outline: 2px solid #fff; outline-offset: 4px; }
-.dragging canvas { cursor: grabbing; }
-.lost canvas { opacity: .35; }
-.first { display: grid; grid-template-columns: 296px 296px minmax(220px, 1fr); gap: 16px; margin-top: 18px; }
-.candidates { display: grid; grid-template-columns: repeat(4, minmax(0, 1fr)); gap: 16px; }
-.controls { padding-left: 12px; font-size: 14px; }
-.controls p { margin: 0 0 10px; }
-.controls label { display: block; }
-.controls label output, dd output { font-variant-numeric: tabular-nums; }
-.controls input { width: 100%; margin: 4px 0 12px; accent-color: var(--ink); }
-.controls button { font: inherit; color: inherit; background: #fff; border: 1px solid var(--grey); border-radius: 3px;
-  padding: 4px 14px; cursor: pointer; }
-.controls button:hover { background: #f6f5f1; }
-.controls dl { margin: 0 0 18px; font-size: 13px; line-height: 1.45; gap: 4px 16px; }
-.controls button + dl { margin: 18px 0 0; }
-kbd { font: inherit; border: 1px solid var(--line); border-radius: 3px; padding: 0 4px; }
-@media (max-width: 900px) { .first { grid-template-columns: 1fr 1fr; } .controls { grid-column: 1 / -1; padding: 0; } }
-@media (max-width: 640px) { .candidates { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
-"""
-)
+from torchbrdf.report_page import plate, source_hash
+from torchbrdf.report_style import LIVE_STYLE
 
 _HOW = (
     "<p>Drag any sphere to turn the light: its reflections follow the pointer.</p>"

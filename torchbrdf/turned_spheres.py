@@ -12,11 +12,11 @@ from torch import Tensor
 
 from torchbrdf.brdf_texture import brdf_texture
 from torchbrdf.directional import render_directional
-from torchbrdf.live_page import LIVE_STYLE
 from torchbrdf.merl import MerlTable
 from torchbrdf.report_figures import CHANNEL_COLOURS, DIVERGING, diverging_css, sequential_css, stops_for
 from torchbrdf.report_page import page, plate, section
 from torchbrdf.report_pictures import ball
+from torchbrdf.report_style import LIVE_STYLE
 from torchbrdf.view import SphereView
 
 COMPARE_STYLE = (
