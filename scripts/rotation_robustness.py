@@ -32,7 +32,8 @@ import torch
 from leave_one_out import match_classes, open_probes
 from leave_one_out_report import check_document, write_rows
 from rotation_methods import METHODS
-from rotation_robustness_report import Facts, MixtureFacts, write_report
+from rotation_results import Facts, MixtureFacts
+from rotation_robustness_report import write_report
 from rotation_tasks import AXES, Turn, fit_classes, reconstruct
 from targets import RESUMABLE, Parser, exit_status
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rotation_paper_tables import LAYOUT, PAPER_1, PAPER_2, PAPER_3
-from rotation_robustness_report import Results, class_columns, comparisons, growth, joined, shares
+from rotation_results import Results, class_columns, comparisons, growth, joined, shares
 
 from torchbrdf.files import writing
 

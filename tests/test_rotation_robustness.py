@@ -15,6 +15,8 @@ from test_harmonic_cache import COARSE
 import torchbrdf as tb
 from torchbrdf import harmonic_cache
 
+rotation_results = load_script("rotation_results")
+
 NAMES = ("red", "satin-0.5", "plastic-0.1", "steel-0.15")
 
 
@@ -260,7 +262,7 @@ class TestReport:
 
     def test_table_1(self, report: ModuleType) -> None:
         """(3, 4, 8) / 2 - 1 = 0.5, 1, 3: mean 1.5, median 1."""
-        results = report.Results(rows(), 4)
+        results = rotation_results.Results(rows(), 4)
         table = report.likelihood_table(results, "0", "paper", "believed")
         assert table.splitlines()[0].split("|")[3:7] == [
             " Diffuse ", " Plastics & phenolics ", " Metals ", " Specular paints & plastics "
@@ -272,30 +274,31 @@ class TestReport:
 
     def test_table_1_under_the_true_light(self, report: ModuleType) -> None:
         """(9, 16, 64) / 4 - 1 = 1.25, 3, 15: mean 6.42, median 3."""
-        table = report.likelihood_table(report.Results(rows(), 4), "0", "paper", "true")
+        table = report.likelihood_table(rotation_results.Results(rows(), 4), "0", "paper", "true")
         assert self.cells(table, 1) == ["here", "1°", *["6.42 / 3.00"] * 4]
 
     def test_novel_light_of_the_materials_that_all_have(self, report: ModuleType) -> None:
-        results = report.Results(rows(), 4)
-        ((methods, materials),) = report.comparisons(results)
+        results = rotation_results.Results(rows(), 4)
+        ((methods, materials),) = rotation_results.comparisons(results)
         assert methods == ["paper", "auto"]
         assert materials == {"material-0", "material-1", "material-2"}
         table = report.novel_table(results, "0", methods, materials)
         assert self.cells(table, 0) == ["grace", "0°", "paper", "2.0", "2.0", "", "2.0", "2.0", "2.0", "2.0"]
         assert self.cells(table, 2) == ["grace", "1°", "paper", "5.0", "5.0", "", "5.0", "5.0", "4.0", "8.0"]
 
-    def test_a_method_with_few_materials_has_a_table_of_its_own(self, report: ModuleType) -> None:
+    def test_a_method_with_few_materials_has_a_table_of_its_own(self) -> None:
         few = [{**row, "method": "few"} for row in rows() if row["method"] == "auto" and row["material_class"] == "1"]
-        assert report.comparisons(report.Results([*rows(), *few], 4)) == [
+        assert rotation_results.comparisons(rotation_results.Results([*rows(), *few], 4)) == [
             (["paper", "auto"], {"material-0", "material-1", "material-2"}),
             (["paper", "auto", "few"], {"material-1"}),
         ]
         alone = [row for row in rows() if row["method"] == "paper"]
-        assert report.comparisons(report.Results(alone, 4)) == [(["paper"], {f"material-{i}" for i in range(4)})]
+        found = rotation_results.comparisons(rotation_results.Results(alone, 4))
+        assert found == [(["paper"], {f"material-{i}" for i in range(4)})]
 
     def test_table_2(self, report: ModuleType) -> None:
         """0.6^2 / 0.2^2 - 1; one of four materials changes its class; E itself 6 / 2."""
-        cells = self.cells(report.stability_table(report.Results(rows(), 4), "0", "paper"), 0)
+        cells = self.cells(report.stability_table(rotation_results.Results(rows(), 4), "0", "paper"), 0)
         growth = [f"8.00 / 8.00 [{paper}]" for paper in ("30.00", "4.41", "1.37", "2.57")]
         assert cells == ["45°", *growth, "25.00 % [4 %]", "3.00 / 3.00", "6.0", "2.0"]
 
@@ -303,16 +306,16 @@ class TestReport:
         """Classes 2, 2, 2 and 0 win: 75 and 25 per cent."""
         made = [row for row in rows() if row["method"] == "paper" and row["believed"] == "0"]
         made += [{**row, "n_classes": "3", "class": str(0 if row["material"] == "material-1" else 2)} for row in made]
-        facts = report.MixtureFacts([6, 6], 2, 3, 0.99, 0.9)
-        facts = report.Facts(4, 64, {(4, 4): facts, (3, 4): facts})
-        table = report.class_count_table(report.Results(made, 4), facts, "0")
+        facts = rotation_results.MixtureFacts([6, 6], 2, 3, 0.99, 0.9)
+        facts = rotation_results.Facts(4, 64, {(4, 4): facts, (3, 4): facts})
+        table = report.class_count_table(rotation_results.Results(made, 4), facts, "0")
         expected = ["3", "2 to 3", "75.00 [46.75]", "25.00 [45.25]", "0.00 [8.00]", "", "2.0", "2.0"]
         assert self.cells(table, 0) == expected
         assert self.cells(table, 1)[2:6] == ["25.00 [48.25]", "25.00 [44.25]", "25.00 [5.50]", "25.00 [2.00]"]
 
     def test_what_was_not_computed_is_left_out(self, report: ModuleType) -> None:
-        facts = report.Facts(4, 64, {(4, 4): report.MixtureFacts([3] * 4, 4, 4, 1, 1)})
-        whole = report.summary(report.Results(rows(), 4), facts)
+        facts = rotation_results.Facts(4, 64, {(4, 4): rotation_results.MixtureFacts([3] * 4, 4, 4, 1, 1)})
+        whole = report.summary(rotation_results.Results(rows(), 4), facts)
         assert [line for line in whole.splitlines() if line.startswith("## ")] == [
             "## Table I: relative log-likelihood error under the light as it was believed",
             "## Table I: relative log-likelihood error under the true light",
@@ -320,12 +323,13 @@ class TestReport:
             "## Table II: relative log-likelihood error under the light at 0°",
         ]
         some = [row for row in rows() if row["photographed"] == "0" and row["method"] == "auto"]
-        part = report.summary(report.Results(some, 4), facts)
+        part = report.summary(rotation_results.Results(some, 4), facts)
         assert "Table II:" not in part
         assert "`auto`, 3 materials, 0 % noise:" in part
 
-    def test_classes_without_the_names_of_the_paper(self, report: ModuleType) -> None:
-        assert report.class_columns(report.Results(rows(), 3)) == ([0, 1, 2, 3], [f"class {j}" for j in range(4)])
+    def test_classes_without_the_names_of_the_paper(self) -> None:
+        found = rotation_results.class_columns(rotation_results.Results(rows(), 3))
+        assert found == ([0, 1, 2, 3], [f"class {j}" for j in range(4)])
 
 
 class TestClasses:
