@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from torchbrdf.colour import luminance
 from torchbrdf.images import read_image, write_image
 from torchbrdf.latlong import directions_at, texel_coordinates
 from torchbrdf.probe import LightProbe
-from torchbrdf.probe_sampling import luminance
 
 PROBES = Path(__file__).resolve().parents[2] / "shared" / "data" / "probes"
 needs_probes = pytest.mark.skipif(not PROBES.is_dir(), reason="../shared/data/probes is not there")

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchbrdf.colour import luminance
 from torchbrdf.latlong import bilinear, row_solid_angles
 from torchbrdf.probe import LightProbe
-from torchbrdf.probe_sampling import ImportanceTables, luminance
+from torchbrdf.probe_sampling import ImportanceTables
 
 SIDE = 16
 """Points along a side of a stratum's grid."""

@@ -17,11 +17,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.colour import luminance
 from torchbrdf.images import read_image
 from torchbrdf.latlong import bilinear, fill_invalid, resize, rotate, row_solid_angles
 from torchbrdf.probe_blur import blur
 from torchbrdf.probe_layouts import angular_map_to_latlong, mirror_ball_to_latlong, pixels_in_disc
-from torchbrdf.probe_sampling import ImportanceTables, luminance
+from torchbrdf.probe_sampling import ImportanceTables
 from torchbrdf.procedural_probe import studio_room
 from torchbrdf.sky import sky_radiance
 

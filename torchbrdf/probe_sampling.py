@@ -16,16 +16,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchbrdf.colour import luminance
 from torchbrdf.latlong import CPU_CHUNK, patch_of, row_solid_angles, texel_coordinates
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec. 709 / sRGB primaries
 _TINY = 1e-30
-
-
-def luminance(radiance: Tensor) -> Tensor:
-    """Rec. 709 luminance (...) of linear RGB with the channels first (3, ...)."""
-    red, green, blue = radiance
-    return LUMINANCE[0] * red + LUMINANCE[1] * green + LUMINANCE[2] * blue
 
 
 @dataclass(frozen=True)

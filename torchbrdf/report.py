@@ -12,6 +12,7 @@ from math import isfinite, log2
 import numpy as np
 import torch
 
+from torchbrdf.colour import LUMINANCE
 from torchbrdf.files import writing
 from torchbrdf.observability import Observability
 from torchbrdf.report_candidates import classes_section
@@ -58,7 +59,7 @@ _SAMPLES = 400
 _THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
 _N_WEIGHTS = 12
 _MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
-_LUMINANCE = torch.tensor([0.2126, 0.7152, 0.0722])[:, None, None]
+_LUMINANCE = torch.tensor(LUMINANCE)[:, None, None]
 
 
 def write_report(

@@ -13,11 +13,11 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.basis_images import BasisImages
+from torchbrdf.colour import LUMINANCE
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.light_strata import LightStrata
 from torchbrdf.merl import GRID
 from torchbrdf.probe import LightProbe
-from torchbrdf.probe_sampling import LUMINANCE
 from torchbrdf.transport_importance import Lobes, allocate, representatives
 from torchbrdf.transport_sampling import LEAST, TransportSampler, TransportSamples
 from torchbrdf.view import View

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf_texture import brdf_texture
+from torchbrdf.colour import LUMINANCE
 from torchbrdf.directional import render_directional
 from torchbrdf.merl import MerlTable
 from torchbrdf.report_figures import CHANNEL_COLOURS, DIVERGING, diverging_css, sequential_css, stops_for
@@ -108,7 +109,8 @@ class TurnedSpheres:
             '<p class="caution" id="problem" role="alert" hidden></p>',
             f'<div id="turn" class="{"three" if len(figures) <= 3 else "four"}" data-gain="{self.gain}" '
             f'data-light="{",".join(str(value) for value in LIGHT)}" data-range="{DIFFERENCE_RANGE}" '
-            f'data-texture="{width},{height},{depth}" data-colours="{colours}">'
+            f'data-texture="{width},{height},{depth}" data-colours="{colours}" '
+            f'data-brightness="{",".join(map(str, LUMINANCE))}">'
             f"{''.join(figures)}{_controls(self.names[0], '' if few else ' wide')}</div>",
             *texts,
         )
