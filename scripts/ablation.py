@@ -25,12 +25,13 @@ import torch
 from accuracy_report import markdown
 from leave_one_out_report import check_document, replace_results
 from leave_one_out_scenes import noisy_observations
-from targets import default_probes, exit_status, open_probes, read_targets
+from targets import default_probes, open_probes, read_targets
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf import image_space, prior_bank
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimator import Penalty
 from torchbrdf.image_space import ImageSpace, residual_scale
 from torchbrdf.metrics import relative_rms
@@ -306,7 +307,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", required=True, type=Path, help="folder of MERL *.binary tables")
     parser.add_argument("--targets", required=True, type=Path, help="folder that make_targets.py wrote")
     parser.add_argument("--tuning-probes", nargs="+", default=list(TUNING_PROBES), metavar="NAME")

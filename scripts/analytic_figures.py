@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from precondition_cases import picture
-from targets import SHARED, Target, exit_status, exposure, on_white, write_sheet
+from targets import SHARED, Target, exposure, on_white, write_sheet
 from torch import Tensor
 
 import torchbrdf as tb
 from torchbrdf.analytic_cell_transport import CellTransport
 from torchbrdf.analytic_models import model_of
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.rendering import render_tables
 
 MATERIALS = ("gold-paint", "blue-acrylic", "brass", "green-latex")
@@ -86,7 +87,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL tables")
     parser.add_argument("--targets", type=Path, required=True, help="folder of scripts/make_targets.py")
     parser.add_argument("--probes", type=Path, default=SHARED / "probes", help="folder of the probes")

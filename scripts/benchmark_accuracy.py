@@ -32,11 +32,12 @@ import torch
 from accuracy_report import FLOOR, Case, breakdown, percent, summary
 from leave_one_out_report import write_rows
 from leave_one_out_scenes import Scene, noisy_observations
-from targets import Target, default_probes, exit_status, exposure, on_white, open_probes, read_targets, write_sheet
+from targets import Target, default_probes, exposure, on_white, open_probes, read_targets, write_sheet
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimator import DEFAULT_PENALTY
 from torchbrdf.merl_directory import table_paths
 from torchbrdf.metrics import relative_rms
@@ -315,7 +316,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", type=Path, default=Path("targets"), help="folder that make_targets.py wrote")
     parser.add_argument("--merl-targets", type=Path, metavar="FOLDER", help="instead: *.binary tables to recover")
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")

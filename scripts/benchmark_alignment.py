@@ -22,9 +22,10 @@ from typing import Any
 
 import torch
 from alignment_cases import align_case
-from targets import RESUMABLE, SHARED, SweepInputs, Target, exit_status, read_targets, sweep_options
+from targets import SHARED, SweepInputs, Target, read_targets, sweep_options
 
 import torchbrdf as tb
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
 
@@ -124,7 +125,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--turned", type=Path, required=True, help="folder of targets made with --turned")
     parser.add_argument("--targets", type=Path, required=True, help="folder of the same targets, not turned")
     parser.add_argument("--probes", type=Path, default=SHARED / "probes", help="folder of the probes")

@@ -32,11 +32,12 @@ import torch
 from accuracy_report import markdown
 from benchmark_accuracy import Experiment
 from leave_one_out_scenes import noisy_observations
-from targets import default_probes, exit_status, open_probes, read_targets
+from targets import default_probes, open_probes, read_targets
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.posterior import INFLATION, UNMODELLED
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -342,7 +343,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", type=Path, default=Path("targets"), help="folder that make_targets.py wrote")
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
     parser.add_argument("--probes", nargs="+", type=Path, metavar="FILE", help="default: 7 of ../shared/data/probes")

@@ -17,13 +17,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
-from targets import exit_status
 from torch.utils.data import BatchSampler, DataLoader, SequentialSampler
 from tqdm import tqdm
 from train_denoiser import Restorer, relative
 
 import torchbrdf as tb
 from torchbrdf.augment import photograph_defects
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.reflectance_maps import ReflectanceMaps
 
 
@@ -121,7 +121,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--size", type=int, default=32, help="pixels along a side, a multiple of 4")
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 16, 64, 256])
     parser.add_argument("--workers", type=int, nargs="+", default=[0, 1, 2])

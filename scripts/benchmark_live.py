@@ -23,7 +23,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from targets import exit_status
+from torchbrdf.command_line import Parser, exit_status
 
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking")
 MOVE_S = 0.008
@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--pixels", type=int, default=128)
     parser.add_argument("--seconds", type=float, default=5.0)

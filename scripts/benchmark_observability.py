@@ -19,11 +19,12 @@ import torch
 from accuracy_report import markdown
 from benchmark_calibration import whole_without
 from leave_one_out_scenes import noisy_observations
-from targets import default_probes, exit_status, open_probes
+from targets import default_probes, open_probes
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.observability import observability
 
 SHARES = (0.3, 0.1, 0.03, 0.01)
@@ -106,7 +107,7 @@ def run(options: argparse.Namespace) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
     parser.add_argument("--probes", nargs="+", type=Path, metavar="FILE", help="default: 7 of ../shared/data/probes")
     parser.add_argument("--step", type=int, default=8, help="every so many materials")

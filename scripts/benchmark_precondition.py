@@ -23,10 +23,11 @@ from pathlib import Path
 from typing import Any, get_args
 
 from precondition_cases import precondition
-from targets import RESUMABLE, SHARED, SweepInputs, exit_status, read_targets, sweep_options
+from targets import SHARED, SweepInputs, read_targets, sweep_options
 
 from torchbrdf.analytic_image_fit import Method
 from torchbrdf.analytic_models import MODELS
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
 
@@ -180,7 +181,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", type=Path, required=True, help="folder of scripts/make_targets.py")
     parser.add_argument("--probes", type=Path, default=SHARED / "probes", help="folder of the probes")
     parser.add_argument("--observed", nargs="+", default=["uffizi", "apartment"], help="probes to photograph under")

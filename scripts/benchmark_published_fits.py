@@ -18,10 +18,11 @@ from typing import Any
 
 from published_cases import compare_case
 from published_fits import FITS, published_files, read_published
-from targets import RESUMABLE, exit_status, sweep_options
+from targets import sweep_options
 
 import torchbrdf as tb
 from torchbrdf.brdf_metrics import METRICS
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
 
@@ -98,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL tables")
     parser.add_argument("--fits", type=Path, default=FITS, help="folder of .fit files")
     sweep_options(parser)

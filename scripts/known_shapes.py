@@ -46,6 +46,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.basis_images import FEWEST_NORMALS
+from torchbrdf.command_line import Parser
 from torchbrdf.rendering import render_tables
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -67,7 +68,7 @@ SHOWN = ("pink-fabric", "gold-metallic-paint2", "brass")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL *.binary tables")
     parser.add_argument("--shapes", type=Path, default=SHARED / "shapes", help="folder of the meshes")
     parser.add_argument("--probe", type=Path, default=SHARED / "probes" / "venice.exr", help="light of the photographs")

@@ -31,11 +31,11 @@ import torch
 from leave_one_out_report import Facts, check_document, read_rows, write_report, write_rows
 from leave_one_out_scenes import CellSample, Images, Scene, directional_scene, noisy_observations
 from scipy.optimize import linear_sum_assignment
-from targets import RESUMABLE, Parser, exit_status
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.files import writing
 from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge
 from torchbrdf.transport import DEFAULT_SAMPLES

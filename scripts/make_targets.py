@@ -27,21 +27,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from targets import (
-    FORMAT,
-    RESUMABLE,
-    Target,
-    default_probes,
-    exit_status,
-    exposure,
-    negative_share,
-    on_white,
-    open_probes,
-    write_sheet,
-)
+from targets import FORMAT, Target, default_probes, exposure, negative_share, on_white, open_probes, write_sheet
 from tqdm import tqdm
 
 import torchbrdf as tb
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
 from torchbrdf.mitsuba_startup import load_mitsuba
@@ -311,7 +301,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--measured", type=Path, metavar="FOLDER", help="render the .bsdf files of this folder")
     parser.add_argument("--analytic", action="store_true", help=f"render {len(ANALYTIC)} analytic materials")
     parser.add_argument("--materials", nargs="+", metavar="NAME", help="only these of them")

@@ -35,10 +35,10 @@ from rotation_methods import METHODS
 from rotation_results import Facts, MixtureFacts
 from rotation_robustness_report import write_report
 from rotation_tasks import AXES, Turn, fit_classes, reconstruct
-from targets import RESUMABLE, Parser, exit_status
 
 import torchbrdf as tb
 from torchbrdf.classes import N_CLASSES, N_DIMS
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.harmonic_cache import transport_of
 from torchbrdf.sweep import Task, sweep
 

@@ -16,10 +16,11 @@ from pathlib import Path
 import torch
 from accuracy_report import markdown
 from benchmark_accuracy import Experiment
-from targets import default_probes, exit_status, open_probes, read_targets
+from targets import default_probes, open_probes, read_targets
 from tqdm import tqdm
 
 import torchbrdf as tb
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimator import Penalty
 from torchbrdf.files import writing
 
@@ -86,7 +87,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", required=True, type=Path, help="folder that make_targets.py wrote")
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
     parser.add_argument("--noise", type=float, default=0.0, help="in %% of every pixel")

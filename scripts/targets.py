@@ -5,11 +5,10 @@ FOLDER/PROBE/MATERIAL.exr, scripts/benchmark_accuracy.py reads them.
 """
 
 import argparse
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,46 +17,13 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.files import writing
 from torchbrdf.images import read_image, read_metadata, tone_map
-from torchbrdf.mitsuba_startup import MitsubaUnavailableError
 
 FORMAT = "torchbrdf target 1"
-
-RESUMABLE = "interrupted; the same command goes on where it stopped"
-"""What a script says after Ctrl-C that keeps what is finished."""
 
 PROBES = ("apartment.exr", "venice.exr", "forest.exr", "dawn.exr", "uffizi.hdr", "grace.hdr", "ennis.hdr")
 """Those of ../shared/data/probes that differ: uffizi_angularmap* are Uffizi again, bad_nan_inf is broken."""
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
-
-
-def exit_status(
-    name: str,
-    run: Callable[[argparse.Namespace], int | None],
-    options: argparse.Namespace,
-    interrupted: str | None = None,
-) -> int:
-    """Run a script: what it returns, else 0; 2 after one line for bad input or without Mitsuba; 130 after Ctrl-C.
-
-    interrupted  what to say after Ctrl-C; None to say nothing
-    """
-    try:
-        return run(options) or 0
-    except (OSError, ValueError, MitsubaUnavailableError) as error:
-        print(f"{name}: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        if interrupted is not None:
-            print(f"{name}: {interrupted}", file=sys.stderr)
-        return 130
-
-
-class Parser(argparse.ArgumentParser):
-    """Errors are one line, as those of `exit_status`."""
-
-    def error(self, message: str) -> NoReturn:
-        """Say it and leave with status 2."""
-        self.exit(2, f"{self.prog}: error: {message}\n")
 
 
 def sweep_options(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,6 @@ Prints one row a table: the relative difference of the table that the browser's 
 metric, and beside it that of a table folded to phi_d in [0, 90] degrees, as mirror symmetry would have it.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import torch
 from torchbrdf.brdf_difference import cell_difference
 from torchbrdf.brdf_metrics import METRICS
 from torchbrdf.brdf_texture import LAYERS, brdf_texture
+from torchbrdf.command_line import Parser
 from torchbrdf.merl import GRID, MerlTable
 
 
@@ -40,7 +40,7 @@ def folded(table: MerlTable) -> MerlTable:
 
 def main() -> None:
     """See the module."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("tables", type=Path, nargs="+")
     print("| material |" + "".join(f" {metric} |" for metric in METRICS) + "".join(f" folded, {m} |" for m in METRICS))
     print("|---|" + "---:|" * (2 * len(METRICS)))

@@ -20,13 +20,13 @@ from pathlib import Path
 
 import torch
 from kornia.augmentation import AugmentationSequential
-from targets import exit_status
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate
 from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.augment import RandomFlicker, RandomOccluders, RandomSensorNoise, random_rotations
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.files import writing
 from torchbrdf.reflectance_maps import ReflectanceMaps
 
@@ -224,7 +224,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="one training each")
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch", type=int, default=16)

@@ -5,9 +5,10 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn, get_args
+from typing import get_args
 
 import torchbrdf
+from torchbrdf.command_line import Parser, exit_status, say
 from torchbrdf.commands import (
     alignment,
     analytic,
@@ -24,51 +25,27 @@ from torchbrdf.commands import (
     verify,
 )
 from torchbrdf.constraints import CONSTRAINTS
-from torchbrdf.mitsuba_startup import MitsubaUnavailableError
 from torchbrdf.probe import Layout
 from torchbrdf.transport import DEFAULT_SAMPLES
 
+NAME = "torchbrdf"
 LAYOUTS = get_args(Layout)
-BAD_INPUT = 2
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status: 0, 2 for bad input (one line on stderr says what), 130 for Ctrl-C."""
     options = _parser().parse_args(arguments)
     warnings.showwarning = _show_warning
-    try:
-        return options.run(options)
-    except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
-    except (ValueError, MitsubaUnavailableError) as error:
-        return _fail(str(error))
-    except KeyboardInterrupt as interruption:
-        _say(str(interruption) or "interrupted; nothing was written")
-        return INTERRUPTED
-
-
-def _say(message: str) -> None:
-    print("torchbrdf: " + " ".join(message.split()), file=sys.stderr)
-
-
-def _fail(message: str) -> int:
-    _say(f"error: {message}")
-    return BAD_INPUT
+    return exit_status(NAME, options.run, options, interrupted="interrupted; nothing was written")
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-    _say(f"warning: {message}")
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise SystemExit(_fail(f"{message}; see `{self.prog} --help`"))
+    say(NAME, f"warning: {message}")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="torchbrdf", description=torchbrdf.__doc__)
-    parser.add_argument("--version", action="version", version=f"torchbrdf {torchbrdf.__version__}")
+    parser = Parser(prog=NAME, description=torchbrdf.__doc__)
+    parser.add_argument("--version", action="version", version=f"{NAME} {torchbrdf.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
