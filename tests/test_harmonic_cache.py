@@ -19,6 +19,7 @@ from safetensors.torch import save_file
 from torchbrdf import harmonic_cache
 from torchbrdf.harmonic import HarmonicTransport
 from torchbrdf.harmonic_cache import is_precomputed, transport_of
+from torchbrdf.lasting import LastFew
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.probe import LightProbe
 from torchbrdf.rendering import render_basis
@@ -41,7 +42,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name, value in COARSE.items():
         monkeypatch.setattr(name, value)
     monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(harmonic_cache, "_in_memory", {})
+    monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,7 @@ def library(materials: Path) -> MaterialLibrary:
 @pytest.fixture
 def forget(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Start as another process would: nothing in memory."""
-    return lambda: monkeypatch.setattr(harmonic_cache, "_in_memory", {})
+    return lambda: monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchbrdf import harmonic_cache
 from torchbrdf.alignment import align
 from torchbrdf.harmonic_basis import HarmonicBasis
+from torchbrdf.lasting import LastFew
 from torchbrdf.learned_rotation import LearnedRotation
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.probe import LightProbe
@@ -189,7 +190,7 @@ def test_after_an_alignment_without_gradients(
     precomputed_library: MaterialLibrary, photographs: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What `align` keeps for later in `torch.inference_mode` enters graphs later."""
-    monkeypatch.setattr(harmonic_cache, "_in_memory", {})
+    monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
     forget()
     try:
         with torch.inference_mode():

@@ -14,6 +14,7 @@ from test_harmonic_cache import COARSE
 
 import torchbrdf as tb
 from torchbrdf import harmonic_cache
+from torchbrdf.lasting import LastFew
 
 rotation_results = load_script("rotation_results")
 
@@ -141,7 +142,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         for name, value in COARSE.items():
             patch.setattr(name, value)
         patch.setenv("TORCHBRDF_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(harmonic_cache, "_in_memory", {})
+        patch.setattr(harmonic_cache, "_in_memory", LastFew(2))
         yield
 
 

@@ -12,7 +12,8 @@ from torchbrdf.basis_images import BasisImages
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.constraints import CONSTRAINTS, Constraint, constrain
 from torchbrdf.energy_bounds import EnergyBounds
-from torchbrdf.image_space import ImageSpace, lasting
+from torchbrdf.image_space import ImageSpace
+from torchbrdf.lasting import lasting
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.observability import Observability, observability
 from torchbrdf.observation import check_observation, groups_by_mask

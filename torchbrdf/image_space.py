@@ -5,13 +5,14 @@ photographs and renderings are wrong by a share of the radiance, and black ones 
 Weights that come from the basis instead of the photograph leave the factorisation to be made once a probe.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import torch
 from torch import Tensor
+
+from torchbrdf.lasting import lasting
 
 DARKEST = 0.3
 """What is added to the mean basis image, in units of its mean over the pixels."""
@@ -24,14 +25,6 @@ _ROUNDING = 1e-12
 
 _BRIEF = 0.5
 """Up to this share of pixels left out, the Gram matrix loses them; above it is formed anew from those left."""
-
-
-Made = TypeVar("Made")
-
-
-def lasting(make: Callable[..., Made]) -> Callable[..., Made]:
-    """What is made once enters graphs later, even where it is first needed in `torch.inference_mode`."""
-    return torch.inference_mode(False)(torch.no_grad()(make))
 
 
 def residual_scale(image: Tensor, sizes: Sequence[int]) -> Tensor:

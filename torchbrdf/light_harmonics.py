@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from torchbrdf.harmonic_grid import Zone, zones
-from torchbrdf.image_space import lasting
+from torchbrdf.lasting import lasting
 from torchbrdf.latlong import texel_coordinates
 from torchbrdf.probe import LightProbe
 

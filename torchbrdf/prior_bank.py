@@ -15,7 +15,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from torchbrdf.image_space import ImageSpace, lasting
+from torchbrdf.image_space import ImageSpace
+from torchbrdf.lasting import lasting
 
 PENALTIES = torch.logspace(-5.5, 1, 9, dtype=torch.float64)
 """lambda of every prior, in units of trace(R S R^T) / n. Smaller ones amplify rounding and win nothing."""
