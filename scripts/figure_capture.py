@@ -19,7 +19,7 @@ from torch import Tensor
 
 import torchbrdf as tb
 from torchbrdf.directional import light_direction
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.mesh import TriangleMesh
 from torchbrdf.mitsuba_backend.scenes import MitsubaScene, light, sensor, shape
 from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
 from torchbrdf.mitsuba_startup import load_mitsuba

@@ -13,8 +13,8 @@ from torch import Tensor
 
 import torchbrdf as tb
 from torchbrdf.estimator import DEFAULT_PENALTY, Penalty
+from torchbrdf.mesh import TriangleMesh
 from torchbrdf.metrics import relative_rms
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
 from torchbrdf.rendering import render_tables
 from torchbrdf.transport import DEFAULT_SAMPLES
 

@@ -18,8 +18,8 @@ import numpy as np
 
 import torchbrdf as tb
 from torchbrdf.command_line import Parser
+from torchbrdf.mesh import TriangleMesh
 from torchbrdf.mitsuba_backend import MitsubaScene, mesh_view
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 MATERIAL = "pink-fabric"

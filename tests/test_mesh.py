@@ -13,7 +13,7 @@ pytest.importorskip("trimesh", reason="trimesh is not installed")
 
 import trimesh
 
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.mesh import TriangleMesh
 
 HEADER = (
     "ply\nformat {format} 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n"
@@ -351,7 +351,7 @@ def test_no_traceback_or_log_reaches_the_user(tmp_path):
     """In a fresh process, where trimesh's logger has no handler."""
     path = written(tmp_path, "negative.ply", ply(["0 1 2", "0 3 -1"]))
     script = (
-        "from torchbrdf.mitsuba_backend.mesh import TriangleMesh\n"
+        "from torchbrdf.mesh import TriangleMesh\n"
         f"try: TriangleMesh.open({str(path)!r})\nexcept ValueError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)

@@ -12,6 +12,7 @@ from torchbrdf.alignment import Alignment, align
 from torchbrdf.analytic_fit import AnalyticFit, fit_analytic, fit_analytic_batch
 from torchbrdf.analytic_image_fit import fit_analytic_to_image
 from torchbrdf.basis_images import BasisImages
+from torchbrdf.camera import Camera
 from torchbrdf.classes import MaterialClasses
 from torchbrdf.directional import render_directional
 from torchbrdf.estimator import BRDFEstimator
@@ -19,7 +20,6 @@ from torchbrdf.harmonic_basis import HarmonicBasis
 from torchbrdf.images import read_image, read_mask, write_image
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
-from torchbrdf.mitsuba_backend.camera import Camera
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.reconstruction import Reconstruction

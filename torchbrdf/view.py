@@ -8,12 +8,13 @@ import hashlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from math import radians, sin, tan
+from math import radians, tan
 
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from torchbrdf.camera import Framing, check_fov
 from torchbrdf.packing import masked_pixels, pack, unpack
 
 _COVERAGE_CELLS = 12
@@ -43,10 +44,12 @@ class SurfacePoints:
 class View(ABC):
     """A shape without interreflections, seen by a camera.
 
-    mask  (1, H, W)  bool, True where the shape covers the whole pixel
+    mask     (1, H, W)  bool, True where the shape covers the whole pixel
+    framing  the camera, for renderers that trace the shape; None where only its normals are known
     """
 
     mask: Tensor
+    framing: Framing | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -130,12 +133,15 @@ class SphereView(View):
     Pixels that the silhouette cuts are outside the mask.
     """
 
+    framing: Framing
+
     def __init__(self, size: int, fov_deg: float | None = None) -> None:
         """Check the arguments and find the pixels that lie wholly inside the silhouette."""
         if size < 3:
             raise ValueError(f"a sphere needs an image of at least 3 x 3 pixels, got size={size}")
         check_fov(fov_deg)
         self.fov_deg = fov_deg
+        self.framing = Framing.of_sphere(fov_deg)
         self._n = int(size)
         edge = torch.linspace(-1, 1, self._n + 1, dtype=torch.float64).abs()
         farthest = torch.maximum(edge[:-1], edge[1:]) ** 2
@@ -159,7 +165,7 @@ class SphereView(View):
             toward_camera[2] = 1
             return SurfacePoints(torch.stack([x, y, z]), toward_camera.expand(3, *x.shape))
         half = radians(self.fov_deg) / 2
-        distance = 1 / sin(half)  # the cone of view touches the unit sphere
+        distance = self.framing.distance
         ray = normalize(torch.stack([x * tan(half), y * tan(half), -torch.ones_like(x)]), dim=0)
         along = -distance * ray[2]
         t = along - torch.sqrt((along * along - distance * distance + 1).clamp_min(0))
@@ -237,9 +243,3 @@ class NormalMapView(View):
         slopes = self._slopes.flatten(2).to(device)[:, :, pixels, None]
         normals = normalize(base + slopes[0] * (u - 0.5) + slopes[1] * (v - 0.5), dim=0)
         return SurfacePoints(normals, self._view_dirs.flatten(1).to(device)[:, pixels, None].expand_as(normals))
-
-
-def check_fov(fov_deg: float | None) -> None:
-    """Raise ValueError where a field of view is none; None is an orthographic camera."""
-    if fov_deg is not None and not 0 < fov_deg < 180:
-        raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {fov_deg}; None is orthographic")

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from torchbrdf.camera import Camera
 from torchbrdf.images import read_image
 from torchbrdf.library import MaterialLibrary
 from torchbrdf.merl import MerlTable
-from torchbrdf.mitsuba_backend.camera import Camera
-from torchbrdf.mitsuba_backend.mesh import SUFFIXES as MESH_SUFFIXES
+from torchbrdf.mesh import SUFFIXES as MESH_SUFFIXES
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.probe import LightProbe
 from torchbrdf.view import NormalMapView, SphereView, View

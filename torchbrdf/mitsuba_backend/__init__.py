@@ -1,7 +1,7 @@
 """Mitsuba 3 beside the transport of this package."""
 
+from torchbrdf.camera import Camera
 from torchbrdf.mitsuba_backend.baking import bake_basis
-from torchbrdf.mitsuba_backend.camera import Camera
 from torchbrdf.mitsuba_backend.export import export_scene
 from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, register_merl
 from torchbrdf.mitsuba_backend.mesh_view import MeshView

@@ -129,7 +129,8 @@ def export_scene(table: MerlTable, probe: LightProbe, view: View, folder: str | 
 
 def scene_xml(view: View) -> str:
     """The text of scene.xml; the same camera, light and shape as `MitsubaScene` has for the view."""
-    framing, fov_deg = framing_of(view)
+    framing = framing_of(view)
+    fov_deg = framing.fov_deg
     height, width = view.size
     half = repr(framing.half_width)
     fov = f'        <float name="fov" value="{fov_deg!r}"/>\n        <string name="fov_axis" value="x"/>\n'

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from torchbrdf.mitsuba_backend.camera import Camera, Framing
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.camera import Camera, Framing
+from torchbrdf.mesh import TriangleMesh
 from torchbrdf.mitsuba_backend.tracing import Hits, RayTracer
 from torchbrdf.view import SurfacePoints, View
 
@@ -39,6 +39,8 @@ class MeshView(View):
     not be linear in the BRDF. Traced by Mitsuba.
     """
 
+    framing: Framing
+
     def __init__(
         self, path: str | os.PathLike[str], size: int, camera: Camera | None = None, shadows: bool = True
     ) -> None:
@@ -48,7 +50,7 @@ class MeshView(View):
         self.mesh = TriangleMesh.open(path)
         self.camera = camera or Camera()
         self.shadows = shadows
-        self.framing = Framing.of(self.camera, self.mesh)
+        self.framing = Framing.of_mesh(self.camera, self.mesh)
         self._n = int(size)
         self._fine = _FINEST
         while self._fine > _COARSEST and (self._n * self._fine) ** 2 > _MOST_POINTS:

@@ -5,7 +5,6 @@ Mitsuba's `envmap` and `LightProbe` share one convention, so a probe goes over u
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import radians, sin, tan
 from types import ModuleType
 from typing import Any
 
@@ -13,14 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.camera import Framing
 from torchbrdf.merl import MerlTable
-from torchbrdf.mitsuba_backend.camera import Framing
 from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, table_values
 from torchbrdf.mitsuba_backend.mesh_view import MeshView
 from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
 from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 from torchbrdf.probe import LightProbe, checked_rotation
-from torchbrdf.view import SphereView, View
+from torchbrdf.view import View
 
 SceneDict = dict[str, Any]
 """A scene, or a part of one, as `mitsuba.load_dict` takes it."""
@@ -125,7 +124,7 @@ def light(mi: ModuleType, probe: LightProbe, rotation: Tensor | None = None) -> 
 
 def sensor(mi: ModuleType, view: View) -> SceneDict:
     """The camera of a view: linear RGB, means over the areas of pixels."""
-    framing, fov_deg = framing_of(view)
+    framing = framing_of(view)
     height, width = view.size
     origin = framing.target + framing.distance * framing.back
     points = {"origin": origin.tolist(), "target": framing.target.tolist(), "up": framing.top.tolist()}
@@ -140,10 +139,10 @@ def sensor(mi: ModuleType, view: View) -> SceneDict:
     }
     common = {"film": film, "sampler": {"type": "independent"}, "near_clip": 1e-3 * framing.distance}
     common["far_clip"] = 1e3 * framing.distance
-    if fov_deg is None:
+    if framing.fov_deg is None:
         scale = mi.ScalarTransform4f().scale([framing.half_width, framing.half_width, 1])
         return {"type": "orthographic", "to_world": to_world @ scale, **common}
-    return {"type": "perspective", "to_world": to_world, "fov": fov_deg, "fov_axis": "x", **common}
+    return {"type": "perspective", "to_world": to_world, "fov": framing.fov_deg, "fov_axis": "x", **common}
 
 
 def shape(mi: ModuleType, view: View, bsdf: Mapping[str, Any]) -> Any:
@@ -153,16 +152,8 @@ def shape(mi: ModuleType, view: View, bsdf: Mapping[str, Any]) -> Any:
     return {"type": "sphere", "bsdf": dict(bsdf)}
 
 
-def framing_of(view: View) -> tuple[Framing, float | None]:
-    """Camera of a view and its field of view in degrees; None for an orthographic one."""
-    if isinstance(view, MeshView):
-        return view.framing, view.camera.fov_deg
-    if not isinstance(view, SphereView):
+def framing_of(view: View) -> Framing:
+    """The camera of a view. Raises ValueError where it has no shape to trace."""
+    if view.framing is None:
         raise ValueError(f"Mitsuba needs a shape to trace, got {view}; give a SphereView or a MeshView")
-    right, top, back = torch.eye(3, dtype=torch.float64)
-    half_width, distance = 1.0, 4.0
-    if view.fov_deg is not None:
-        half = radians(view.fov_deg) / 2
-        distance = 1 / sin(half)
-        half_width = distance * tan(half)
-    return Framing(right, top, back, torch.zeros(3, dtype=torch.float64), half_width, distance), view.fov_deg
+    return view.framing

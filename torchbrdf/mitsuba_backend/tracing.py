@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
+from torchbrdf.mesh import TriangleMesh
 from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
 
 

@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from torchbrdf.mitsuba_backend.mesh import TriangleMesh
-from torchbrdf.view import check_fov
+from torchbrdf.mesh import TriangleMesh
 
 Triple = Sequence[float]
 """Three numbers."""
@@ -61,12 +60,13 @@ class Camera:
 
 @dataclass(frozen=True)
 class Framing:
-    """A camera before one mesh; all (3,) float64 in the mesh's units.
+    """A camera before one shape; all (3,) float64 in the shape's units.
 
     right, top, back  unit vectors: image right, image top, towards the camera
     target            the middle of the image
     half_width        of what the image shows at the target
     distance          from the target to the camera, or to where the rays of an orthographic one start
+    fov_deg           field of view across the width of the image; None for an orthographic camera
     """
 
     right: Tensor
@@ -75,9 +75,21 @@ class Framing:
     target: Tensor
     half_width: float
     distance: float
+    fov_deg: float | None
 
     @classmethod
-    def of(cls, camera: Camera, mesh: TriangleMesh) -> "Framing":
+    def of_sphere(cls, fov_deg: float | None) -> "Framing":
+        """Of a unit sphere at the origin that touches the borders of the image, seen along -Z."""
+        right, top, back = torch.eye(3, dtype=torch.float64)
+        half_width, distance = 1.0, 4.0
+        if fov_deg is not None:
+            half = radians(fov_deg) / 2
+            distance = 1 / sin(half)  # the cone of view touches the sphere
+            half_width = distance * tan(half)
+        return cls(right, top, back, torch.zeros(3, dtype=torch.float64), half_width, distance, fov_deg)
+
+    @classmethod
+    def of_mesh(cls, camera: Camera, mesh: TriangleMesh) -> "Framing":
         """Fill in what the camera leaves to the mesh."""
         back = normalize(torch.tensor(camera.toward, dtype=torch.float64), dim=0)
         right = normalize(torch.linalg.cross(torch.tensor(camera.up, dtype=torch.float64), back), dim=0)
@@ -90,4 +102,11 @@ class Framing:
             half = radians(camera.fov_deg) / 2
             half_width = mesh.radius / sin(half) * tan(half) if camera.width is None else camera.width / 2
             distance = half_width / tan(half)
-        return cls(right, torch.linalg.cross(back, right), back, target, half_width, distance)
+        top = torch.linalg.cross(back, right)
+        return cls(right, top, back, target, half_width, distance, camera.fov_deg)
+
+
+def check_fov(fov_deg: float | None) -> None:
+    """Raise ValueError where a field of view is none; None is an orthographic camera."""
+    if fov_deg is not None and not 0 < fov_deg < 180:
+        raise ValueError(f"fov_deg must lie between 0 and 180 degrees, got {fov_deg}; None is orthographic")
