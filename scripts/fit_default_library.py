@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fit the embedded default library: analytic parameters (torchbrdf.lobes) to a directory of MERL tables.
+"""Fit the embedded default library: analytic parameters (torchbrdf.brdf.lobes) to a directory of MERL tables.
 
     python scripts/fit_default_library.py MERL_DIR [--output FILE] [--report FILE.md] [--checkpoint FILE]
 
@@ -21,6 +21,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
+from safetensors.torch import save_file
+from torch import Tensor
+from tqdm import tqdm
+
 from lobe_fitting import (
     LOWER,
     N_PARAMETERS,
@@ -33,15 +37,19 @@ from lobe_fitting import (
     minimise,
     to_parameters,
 )
-from safetensors.torch import save_file
-from torch import Tensor
-from tqdm import tqdm
-
-from torchbrdf.directions import from_half_difference, half_difference
+from torchbrdf.brdf import (
+    N_CELLS,
+    MerlTable,
+    above_horizon,
+    cell_centres,
+    cell_index,
+    from_half_difference,
+    half_difference,
+    nearest_measured,
+    table_paths,
+)
+from torchbrdf.brdf.lobes import MODEL_VERSION, PARAMETER_NAMES, Parameters, evaluate_lobes, expand_row
 from torchbrdf.files import cache_folder, writing
-from torchbrdf.lobes import MODEL_VERSION, PARAMETER_NAMES, Parameters, evaluate_lobes, expand_row
-from torchbrdf.merl import N_CELLS, MerlTable, above_horizon, cell_centres, cell_index, nearest_measured
-from torchbrdf.merl_directory import table_paths
 
 ROOT = Path(__file__).resolve().parent.parent
 LOBES = 5

@@ -28,16 +28,25 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import torch
-from leave_one_out_report import Facts, check_document, read_rows, write_report, write_rows
-from leave_one_out_scenes import CellSample, Images, Scene, directional_scene, noisy_observations
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from paper.leave_one_out_report import Facts, write_report
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
+from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge
+from torchbrdf.experiments import (
+    CellSample,
+    Images,
+    Scene,
+    check_document,
+    directional_scene,
+    noisy_observations,
+    read_rows,
+    write_rows,
+)
 from torchbrdf.files import writing
-from torchbrdf.solvers import GramFactor, balance, prior_mean, ridge
 from torchbrdf.transport import DEFAULT_SAMPLES
 
 TARGET_SAMPLES = 4

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt fits of the lobes of torchbrdf.lobes to tables, many columns in one batch."""
+"""Levenberg-Marquardt fits of the lobes of torchbrdf.brdf.lobes to tables, many columns in one batch."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from torchbrdf.directions import from_half_difference
-from torchbrdf.lobes import PARAMETER_NAMES
-from torchbrdf.merl import GRID, cell_centres
+from torchbrdf.brdf import GRID, cell_centres, from_half_difference
+from torchbrdf.brdf.lobes import PARAMETER_NAMES
 
 N_PARAMETERS = len(PARAMETER_NAMES)
 POSITIVE = torch.tensor(
@@ -250,6 +249,6 @@ def minimise(
 
 
 def to_parameters(p: Tensor) -> dict[str, Tensor]:
-    """The fitted variables (n, lobes, N_PARAMETERS) as parameters of torchbrdf.lobes."""
+    """The fitted variables (n, lobes, N_PARAMETERS) as parameters of torchbrdf.brdf.lobes."""
     natural = torch.where(POSITIVE, p.exp(), p)
     return {name: natural[..., i].contiguous() for i, name in enumerate(PARAMETER_NAMES)}

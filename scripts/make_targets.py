@@ -27,15 +27,24 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from targets import FORMAT, Target, default_probes, exposure, negative_share, on_white, open_probes, write_sheet
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.command_line import RESUMABLE, Parser, exit_status
+from torchbrdf.command_line import RESUMABLE, exit_status
+from torchbrdf.experiments import (
+    FORMAT,
+    Target,
+    common_exposure,
+    default_probes,
+    negative_share,
+    on_white,
+    open_probes,
+    write_sheet,
+)
 from torchbrdf.images import read_metadata, write_image
-from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
+from torchbrdf.light import rotation_of
+from torchbrdf.mitsuba_backend import HalfRenderings, MitsubaScene
 from torchbrdf.mitsuba_startup import load_mitsuba
-from torchbrdf.rotation_vectors import rotation_of
 
 INTEGRATOR = {"type": "direct"}
 SAMPLES = 4096
@@ -266,7 +275,7 @@ def sheet(path: Path, targets: Sequence[Target]) -> None:
     """A picture of all targets: a row for each material, a column with its own exposure for each probe."""
     probes = list(dict.fromkeys(target.probe for target in targets))
     mask = tb.SphereView(targets[0].size).mask
-    scales = {name: exposure([target.image for target in targets if target.probe == name]) for name in probes}
+    scales = {name: common_exposure([target.image for target in targets if target.probe == name]) for name in probes}
     rows: dict[str, list[torch.Tensor]] = {}
     for target in sorted(targets, key=lambda target: probes.index(target.probe)):
         shown = on_white(target.photograph, mask, scales[target.probe])
@@ -301,7 +310,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser.of_script(__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--measured", type=Path, metavar="FOLDER", help="render the .bsdf files of this folder")
     parser.add_argument("--analytic", action="store_true", help=f"render {len(ANALYTIC)} analytic materials")
     parser.add_argument("--materials", nargs="+", metavar="NAME", help="only these of them")

@@ -25,13 +25,12 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from figure_leave_one_out import CANDIDATES, SPIKES, SPREAD, Drawing, figure_2, figure_3, figure_5
-from figure_studio import Quality, Studio
+import torchbrdf as tb
 from leave_one_out import open_probes
 from make_targets import Material, measured_materials
-
-import torchbrdf as tb
-from torchbrdf.command_line import RESUMABLE, Parser, exit_status
+from paper.figures.leave_one_out import CANDIDATES, SPIKES, SPREAD, Drawing, figure_2, figure_3, figure_5
+from paper.figures.studio import Quality, Studio
+from torchbrdf.command_line import RESUMABLE, exit_status
 from torchbrdf.files import writing
 from torchbrdf.mitsuba_startup import load_mitsuba
 
@@ -43,7 +42,7 @@ N_PROBES = 3
 
 def captured(folder: Path, names: Sequence[str] | None) -> list[Material]:
     """The measured materials of figure 4: those named, else those of the paper's likes that the folder holds."""
-    from figure_defects import CAPTURED
+    from paper.figures.defects import CAPTURED
 
     there = {material.name: material for material in measured_materials(folder)}
     for name in names or ():
@@ -83,7 +82,7 @@ def run(options: argparse.Namespace) -> None:
     for figure in figures:
         draw: Callable[[], Drawing]
         if figure == 4:
-            from figure_defects import figure_4
+            from paper.figures.defects import figure_4
 
             draw = partial(figure_4, studio, probes, measured)
         else:
@@ -102,7 +101,7 @@ def write(folder: Path, figure: int, draw: Callable[[], Drawing]) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser.of_script(__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("figures", nargs="+", type=int, choices=(2, 3, 4, 5), help="which figures")
     parser.add_argument("--library", required=True, help="folder of MERL *.binary tables, or `default`")
     parser.add_argument("--probes", nargs="+", required=True, metavar="FILE", help="A B C: lat-long .exr or .hdr files")

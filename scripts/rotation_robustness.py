@@ -29,18 +29,18 @@ from statistics import mode
 from typing import Any
 
 import torch
-from leave_one_out import match_classes, open_probes
-from leave_one_out_report import check_document, write_rows
-from rotation_methods import METHODS
-from rotation_results import Facts, MixtureFacts
-from rotation_robustness_report import write_report
-from rotation_tasks import AXES, Turn, fit_classes, reconstruct
 
 import torchbrdf as tb
-from torchbrdf.classes import N_CLASSES, N_DIMS
+from leave_one_out import match_classes, open_probes
+from paper.rotation.methods import METHODS
+from paper.rotation.report import write_report
+from paper.rotation.results import Facts, MixtureFacts
+from paper.rotation.tasks import AXES, Turn, fit_classes, reconstruct
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
-from torchbrdf.harmonic_cache import transport_of
+from torchbrdf.estimation import N_CLASSES, N_DIMS
+from torchbrdf.experiments import check_document, write_rows
 from torchbrdf.sweep import Task, sweep
+from torchbrdf.transport.harmonic import transport_of
 
 ANGLES = (1, 2, 5, 10)
 TURNS = (45, 90, 135, 180, 225, 270, 315)

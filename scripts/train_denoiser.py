@@ -21,79 +21,16 @@ from pathlib import Path
 import torch
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d, interpolate
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.augment import RandomFlicker, RandomOccluders, RandomSensorNoise, random_rotations
-from torchbrdf.command_line import Parser, exit_status
+from torchbrdf.command_line import exit_status
+from torchbrdf.experiments import Restorer, relative
 from torchbrdf.files import writing
-from torchbrdf.reflectance_maps import ReflectanceMaps
-
-DARKEST = 0.02
-"""Of the mean radiance: below it the network sees no differences."""
+from torchbrdf.learning import RandomFlicker, RandomOccluders, RandomSensorNoise, ReflectanceMaps, random_rotations
 
 REPEATS = 3
 """Photographs of each held-out material."""
-
-
-class Restorer(nn.Module):
-    """What a photograph would show without its defects, by a small U-Net and the estimator's own renderings.
-
-    estimate  recovers a material from a whole photograph
-    view      of the photographs; sides a multiple of 4
-    width     channels at full resolution
-    rounds    how often gaps are filled anew
-    """
-
-    estimate: tb.BRDFEstimator
-    place: Tensor
-    doubt: Tensor
-    """(B, 1, H, W) in [0, 1]: how little each pixel of the last photographs was believed."""
-
-    def __init__(self, estimate: tb.BRDFEstimator, view: tb.View, width: int = 8, rounds: int = 3) -> None:
-        """Build the network; it starts by believing every pixel to seven eighths."""
-        super().__init__()
-        self.estimate, self.rounds = estimate, rounds
-        self.register_buffer("place", torch.cat([view.normals, view.mask.float()])[None])
-        self.fine, self.middle, self.coarse = block(10, width), block(width, 2 * width), block(2 * width, 4 * width)
-        self.up_middle, self.up_fine = block(6 * width, 2 * width), block(3 * width, width)
-        self.last = nn.Conv2d(width, 4, 1)
-        nn.init.zeros_(self.last.weight)
-        self.last.bias = nn.Parameter(torch.tensor([-2.0, 0, 0, 0]))
-
-    def forward(self, image: Tensor) -> Tensor:
-        """(B, 3, H, W) -> (B, 3, H, W)."""
-        with torch.no_grad():
-            fitted = self.estimate(image).image
-        mask = self.place[:, 3:]
-        mean = (image * mask).mean((1, 2, 3), keepdim=True)
-        seen, shown = (mask * torch.log((one / mean).clamp_min(0) + DARKEST) for one in (image, fitted))
-        fine = self.fine(torch.cat([seen, seen - shown, self.place.expand(len(image), -1, -1, -1)], 1))
-        middle = self.middle(avg_pool2d(fine, 2))
-        coarse = self.coarse(avg_pool2d(middle, 2))
-        middle = self.up_middle(torch.cat([middle, twice(coarse)], 1))
-        doubt, correction = self.last(self.up_fine(torch.cat([fine, twice(middle)], 1))).split([1, 3], 1)
-        self.doubt = doubt.sigmoid()
-        corrected, filled = image * mask * correction.exp(), fitted
-        for _ in range(self.rounds):
-            # A pixel that shows what the estimator says tells it nothing: in the limit doubt is a soft mask.
-            filled = self.estimate(torch.lerp(corrected, filled, self.doubt)).image
-        return torch.lerp(corrected, filled, self.doubt)
-
-
-def block(inputs: int, outputs: int) -> nn.Module:
-    return nn.Sequential(
-        nn.Conv2d(inputs, outputs, 3, padding=1),
-        nn.GroupNorm(4, outputs),
-        nn.SiLU(),
-        nn.Conv2d(outputs, outputs, 3, padding=1),
-        nn.SiLU(),
-    )
-
-
-def twice(image: Tensor) -> Tensor:
-    return interpolate(image, scale_factor=2.0, mode="bilinear")
 
 
 def defects(known: bool = False) -> AugmentationSequential:
@@ -136,11 +73,6 @@ def render_lights(options: argparse.Namespace) -> Lights:
     turned = [probe.rotated(rotation) for rotation in random_rotations(options.training_lights)]
     found = [tb.render_basis(library, one, view) for one in tqdm([probe, novel, *turned], desc="lights")]
     return Lights(library, found[0], tuple(found[2:]), found[1], view)
-
-
-def relative(found: Tensor, wanted: Tensor) -> Tensor:
-    """(B,): |found - wanted| / |wanted|."""
-    return (found - wanted).flatten(1).norm(dim=1) / wanted.flatten(1).norm(dim=1)
 
 
 def relit(weights: Tensor, light: tb.BasisImages) -> Tensor:
@@ -224,7 +156,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser.of_script(__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="one training each")
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch", type=int, default=16)

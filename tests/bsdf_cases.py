@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.analytic_models import MODELS
-from torchbrdf.shading_geometry import ShadingGeometry
+from torchbrdf.analytic.catalogue import MODELS
+from torchbrdf.analytic.shading_geometry import ShadingGeometry
 
 
 def direction_pairs(count: int, seed: int = 0, lowest: float = 0.02) -> tuple[Tensor, Tensor]:

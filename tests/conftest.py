@@ -1,13 +1,11 @@
 """What several test modules share: the data beside the repository, small libraries, a cache of their own."""
 
-import importlib
 import os
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from math import asin, degrees, pi, radians, sqrt
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -20,28 +18,18 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchbrdf.harmonic_cache import transport_of
-from torchbrdf.library import MaterialLibrary
-from torchbrdf.light_harmonics import TurningLight
-from torchbrdf.merl import MerlTable
-from torchbrdf.probe import LightProbe
-from torchbrdf.rendering import render_tables
-from torchbrdf.view import SphereView
-
-ROOT = Path(__file__).resolve().parent.parent
-SCRIPTS = ROOT / "scripts"
+from coarse_grids import HALF_GRID
+from materials import STRANGERS, TINY_MATERIALS
+from paths import ROOT
+from torchbrdf.brdf.library import MaterialLibrary
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.light.probe import LightProbe
+from torchbrdf.rendering.tables import render_tables
+from torchbrdf.transport.harmonic.cache import transport_of
+from torchbrdf.view.sphere import SphereView
 
 hypothesis.settings.register_profile("torchbrdf", deadline=None, max_examples=60)
 hypothesis.settings.load_profile("torchbrdf")
-
-
-def load_script(name: str) -> ModuleType:
-    """A script as a module; while it loads, those beside it are found as when it runs."""
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(SCRIPTS))
 
 
 @pytest.fixture
@@ -59,61 +47,6 @@ def browser():
             yield opened
         finally:
             opened.close()
-
-
-def lambert(*albedo: float):
-    """f_r of a Lambertian surface of these albedos."""
-    colour = torch.tensor(albedo, dtype=torch.float64) / pi
-    return lambda w_i, w_o: colour.expand(*w_i.shape[:-1], 3)
-
-
-def glossy(albedo: tuple[float, ...], specular: tuple[float, ...], alpha: float):
-    """Lambert plus a GGX-like lobe of roughness alpha, without shadowing."""
-    base = torch.tensor(albedo, dtype=torch.float64) / pi
-    top = torch.tensor(specular, dtype=torch.float64)
-
-    def f_r(w_i: Tensor, w_o: Tensor) -> Tensor:
-        cosine = torch.nn.functional.normalize(w_i + w_o, dim=-1)[..., 2:]
-        lobe = alpha**2 / (pi * (cosine**2 * (alpha**2 - 1) + 1) ** 2)
-        return base + top * lobe / (4 * (w_i[..., 2:] + w_o[..., 2:]).clamp_min(0.2))
-
-    return f_r
-
-
-def turn_about(axis: Sequence[float], angle: float) -> Tensor:
-    """(3, 3) float64: the rotation about an axis by degrees, as the exponential of what generates it."""
-    x, y, z = torch.nn.functional.normalize(torch.tensor(axis, dtype=torch.float64), dim=0).tolist()
-    generator = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
-    return torch.linalg.matrix_exp(radians(angle) * generator)
-
-
-def degrees_between(one: Tensor, other: Tensor) -> float:
-    """The angle of the turn from one rotation to another: |R - Q| = 2 sqrt(2) sin(angle / 2)."""
-    distance = float(torch.linalg.matrix_norm(one.double() - other.double()))
-    return degrees(2 * asin(min(1.0, distance / sqrt(8))))
-
-
-TINY_MATERIALS = {
-    "white": lambert(0.8, 0.8, 0.75),
-    "red": lambert(0.6, 0.1, 0.05),
-    "teal": lambert(0.05, 0.35, 0.4),
-    "satin-0.5": glossy((0.3, 0.2, 0.1), (0.05, 0.05, 0.04), 0.5),
-    "satin-0.35": glossy((0.1, 0.3, 0.15), (0.08, 0.08, 0.1), 0.35),
-    "plastic-0.2": glossy((0.4, 0.05, 0.02), (0.05, 0.04, 0.05), 0.2),
-    "plastic-0.1": glossy((0.02, 0.04, 0.3), (0.04, 0.05, 0.04), 0.1),
-    "gold-0.3": glossy((0.01, 0.01, 0.005), (0.9, 0.7, 0.3), 0.3),
-    "steel-0.15": glossy((0.005, 0.005, 0.006), (0.5, 0.55, 0.6), 0.15),
-    "copper-0.08": glossy((0.0, 0.0, 0.0), (0.8, 0.4, 0.25), 0.08),
-}
-
-
-STRANGERS = {
-    "paint": glossy((0.3, 0.08, 0.05), (0.06, 0.06, 0.06), 0.14),
-    "brass": glossy((0.0, 0.0, 0.0), (0.7, 0.55, 0.25), 0.12),
-    "satin": glossy((0.2, 0.25, 0.1), (0.2, 0.2, 0.2), 0.25),
-    "clay": lambert(0.5, 0.4, 0.3),
-}
-"""Materials that no library of the tests holds."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -213,15 +146,6 @@ def precomputed_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: p
     for name in ("white", "red", "teal", "satin-0.35", "plastic-0.1", "gold-0.3", "steel-0.15", "copper-0.08"):
         tiny_tables[name].save(folder / f"{name}.binary")
     return folder
-
-
-HALF_GRID = {
-    "torchbrdf.harmonic_grid._ROWS": (128, 96, 64, 64),
-    "torchbrdf.harmonic_kernels._AZIMUTHS": (32, 48, 64, 96),
-    "torchbrdf.column_norms._SAMPLES": 1 << 16,
-    "torchbrdf.harmonic_basis.TurningLight": lambda probe, _: TurningLight(probe, 360),
-}
-"""Of the harmonic transport: as good for TINY_MATERIALS under `LightProbe.default(64)`, in a third of the time."""
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbrdf.basis_images import BasisImages
-from torchbrdf.classes import MaterialClasses, Mixture
+from torchbrdf.estimation.classes import MaterialClasses, Mixture
+from torchbrdf.transport.basis_images import BasisImages
 
 N_MATERIALS = 12
 LABELS = tuple(j for i in range(N_MATERIALS) for j in ((0, 0, 1), (1, 1, 1), (2, 0, 0))[i % 3])
@@ -442,7 +442,7 @@ def main() -> None:
     """The table of figures in docs/stability.md: how each case ends with the default and with the paper's penalty."""
     import inspect
 
-    from torchbrdf.estimator import BRDFEstimator
+    from torchbrdf.estimation.estimator import BRDFEstimator
 
     default = inspect.signature(BRDFEstimator).parameters["penalty"].default
 

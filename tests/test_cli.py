@@ -7,10 +7,11 @@ import pytest
 import torch
 
 import torchbrdf as tb
-from torchbrdf.cli import _parser, main
-from torchbrdf.commands.fit import fit, summary, weights_record
-from torchbrdf.merl import FILE_BYTES, GRID
-from torchbrdf.photograph import Observation
+from failures import assert_fit_fails, fails
+from torchbrdf.brdf.merl import FILE_BYTES, GRID
+from torchbrdf.cli import main, parser
+from torchbrdf.commands._reconstruction import fit, summary, weights_record
+from torchbrdf.photograph.observation import Observation
 
 SIZE = 16
 
@@ -21,25 +22,6 @@ def photo(tmp_path):
     path = tmp_path / "photo.exr"
     tb.write_image(path, torch.rand(3, SIZE, SIZE, generator=torch.Generator().manual_seed(0)) + 0.1)
     return path
-
-
-def fails(capsys, *arguments: object) -> str:
-    """Run a command that must fail; returns its one line."""
-    assert main([str(argument) for argument in arguments]) == 2
-    captured = capsys.readouterr()
-    lines = [line for line in captured.err.splitlines() if "warning:" not in line]
-    assert len(lines) == 1, captured.err
-    assert lines[0].startswith("torchbrdf: error: ")
-    assert captured.out == ""
-    return lines[0]
-
-
-def assert_fit_fails(capsys, tmp_path, photo, *more: object) -> str:
-    out = tmp_path / "results" / "out"
-    before = sorted(tmp_path.rglob("*"))
-    line = fails(capsys, "fit", photo, *(more if "--probe" in more else ("--probe", "default", *more)), "-o", out)
-    assert sorted(tmp_path.rglob("*")) == before, "a failed command left something behind"
-    return line
 
 
 def test_missing_photograph(capsys, tmp_path):
@@ -136,11 +118,11 @@ def test_bad_numbers_on_the_command_line(capsys, photo):
 
 def test_the_options_of_the_estimator(photo):
     required = ["fit", str(photo), "--probe", "default", "-o", "out"]
-    options = _parser().parse_args(required)
+    options = parser().parse_args(required)
     assert (options.penalty, options.constraint, options.robust) == ("auto", None, False)
     for text, value in (("auto", "auto"), ("paper", "paper"), ("0", 0.0), ("5e-4", 5e-4)):
-        assert _parser().parse_args([*required, "--penalty", text]).penalty == value
-    options = _parser().parse_args([*required, "--constraint", "energy", "--robust"])
+        assert parser().parse_args([*required, "--penalty", text]).penalty == value
+    options = parser().parse_args([*required, "--constraint", "energy", "--robust"])
     assert (options.constraint, options.robust) == ("energy", True)
 
 
@@ -207,8 +189,8 @@ def test_verify_names_sound_unsound_and_missing(capsys, tmp_path):
 
 def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys, tmp_path, monkeypatch):
     """With smaller pictures than usual."""
-    for name, value in {"SIZE": 24, "PICTURE_SIZE": 48, "PICTURE_SAMPLES": 256}.items():
-        monkeypatch.setattr(f"torchbrdf.commands.demo.{name}", value)
+    for name, value in {"_demonstration.SIZE": 24, "demo.PICTURE_SIZE": 48, "demo.PICTURE_SAMPLES": 256}.items():
+        monkeypatch.setattr(f"torchbrdf.commands.{name}", value)
     out = tmp_path / "demo"
     assert main(["demo", "-o", str(out)]) == 0
     names = {"brdf.binary", "fitted.exr", "novel_light.png", "photograph.exr", "report.html", "weights.json"}
@@ -226,7 +208,7 @@ def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys
 
     The report, which takes longer than all the rest, is that of the demo.
     """
-    monkeypatch.setattr("torchbrdf.report.write_report", lambda path, *_, **__: path.write_text(""))
+    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", lambda path, *_, **__: path.write_text(""))
     probe, view = tb.LightProbe.default(), tb.SphereView(32)
     image = tb.render(default_library.table("nylon"), probe, view, seed=5)
     padded = torch.nn.functional.pad(image, (7, 21, 12, 3), value=9.0)

@@ -13,58 +13,12 @@ from typing import Any
 
 import pytest
 import torch
-from conftest import ROOT
 
+from paths import ROOT
+from sweep_tasks import PATIENCE, dies_at_two, fails_at_two, interrupted_at_two, spectrum, tasks
 from torchbrdf.sweep import Call, Task, sweep
 
 HERE = str(Path(__file__).resolve().parent)
-PATIENCE = 120
-"""Seconds after which a test that waits for other processes gives up; they need a few."""
-
-
-def spectrum(seed: int, log: str, seconds: float = 0, stuck: str | None = None) -> dict[str, Any]:
-    """Numbers that show in which order sums were done; says when it starts, and in which process.
-
-    stuck  the file that tells who was the first to compute seed 5: it never ends
-    """
-    with open(log, "a") as file:
-        file.write(f"{seed} {os.getpid()}\n")
-    if seed == 5 and stuck is not None and not Path(stuck).exists():
-        Path(stuck).write_text(str(os.getpid()))
-        seconds = 2 * PATIENCE
-    time.sleep(seconds)
-    matrix = torch.randn(200, 200, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-    values, vectors = torch.linalg.eigh(matrix @ matrix.T)
-    numbers = {"values": values.tolist(), "sum": float(vectors.sum()), "pair": (1, seed)}
-    return {"threads": torch.get_num_threads(), **numbers}
-
-
-def fails_at_two(seed: int, log: str) -> int:
-    """A task that raises."""
-    if seed == 2:
-        raise ValueError("two is too much")
-    return seed
-
-
-def dies_at_two(seed: int, log: str) -> int:
-    """A task whose process is killed."""
-    if seed == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return seed
-
-
-def interrupted_at_two(seed: int, log: str) -> int:
-    """A task during which Ctrl-C is pressed."""
-    if seed == 2:
-        raise KeyboardInterrupt
-    return seed
-
-
-def tasks(log: Path, count: int = 4, **more: Any) -> list[Task]:
-    places = {"log": str(log), **more}
-    return [Task(f"seed-{seed}", {"seed": seed}, places) for seed in range(count)]
-
-
 def started(log: Path) -> list[tuple[int, int]]:
     """Seeds and processes of the tasks that were started."""
     if not log.exists():
@@ -126,7 +80,7 @@ class TestKeeping:
         sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another function; choose"):
             sweep(fails_at_two, tasks(tmp_path / "log"), tmp_path / "out")
-        monkeypatch.setattr("torchbrdf.sweep.__version__", "0.0.0")
+        monkeypatch.setattr("torchbrdf.__version__", "0.0.0")
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another version; choose"):
             sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
 
@@ -193,10 +147,10 @@ class TestProcesses:
         """Ctrl-C reaches all processes of a terminal, SIGKILL only the first; tasks last longer than this test."""
         program, log = tmp_path / "program.py", tmp_path / "log"
         program.write_text(
-            f"import sys; sys.path.insert(0, {HERE!r}); import test_sweep as t\n"
+            f"import sys; sys.path.insert(0, {HERE!r}); import sweep_tasks as t; from torchbrdf.sweep import sweep\n"
             "if __name__ == '__main__':\n"
             f"    some = t.tasks({str(log)!r}, seconds={2 * PATIENCE})\n"
-            f"    t.sweep(t.spectrum, some, {str(tmp_path / 'out')!r}, processes=2)\n"
+            f"    sweep(t.spectrum, some, {str(tmp_path / 'out')!r}, processes=2)\n"
         )
         process = subprocess.Popen(
             [sys.executable, str(program)], stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=ROOT

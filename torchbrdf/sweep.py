@@ -16,8 +16,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures import as_completed as completed_here
+from concurrent.futures import ProcessPoolExecutor, as_completed as completed_here
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -27,7 +26,6 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
-from torchbrdf._version import __version__
 from torchbrdf.files import writing
 
 _CONNECT_SECONDS = 10
@@ -91,6 +89,8 @@ class Call:
 
 def versions() -> tuple[str, str]:
     """Of torchbrdf and torch."""
+    from torchbrdf import __version__
+
     return __version__, torch.__version__
 
 

@@ -3,11 +3,22 @@
 import argparse
 from pathlib import Path
 
-from torchbrdf.commands.inputs import open_library, open_probe, open_view
+from torchbrdf.commands._options import add_library, add_light, add_output, add_shape
 from torchbrdf.files import writing
-from torchbrdf.mitsuba_backend.baking import bake_basis
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 STATE_SUFFIX = ".unfinished"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is rendered, and how well."""
+    add_light(parser)
+    add_shape(parser)
+    add_library(parser)
+    parser.add_argument("--size", type=int, default=64, help="pixels along a side; default: 64")
+    parser.add_argument("--samples", type=int, default=DEFAULT_SAMPLES, help="samples a pixel; default: %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="of the random numbers; default: 0")
+    add_output(parser, "basis images, .safetensors")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -15,6 +26,9 @@ def run(options: argparse.Namespace) -> int:
 
     Ctrl-C keeps what is done in FILE.unfinished; the same command goes on from there.
     """
+    from torchbrdf.commands._inputs import open_library, open_probe, open_view
+    from torchbrdf.mitsuba_backend import bake_basis
+
     state = Path(f"{options.output}{STATE_SUFFIX}")
     with writing(options.output) as temporary:
         probe = open_probe(options)

@@ -2,11 +2,21 @@
 
 import argparse
 
-from torchbrdf.classes import MaterialClasses
-from torchbrdf.commands.inputs import open_library
+from torchbrdf.commands._options import add_library
+from torchbrdf.estimation import N_CLASSES, N_DIMS
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Of which library, and how many."""
+    add_library(parser)
+    parser.add_argument("--n-classes", type=int, default=N_CLASSES, help="K; default: %(default)s")
+    parser.add_argument("--n-dims", type=int, default=N_DIMS, help="N; default: %(default)s")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the material classes of a library."""
+    from torchbrdf.commands._inputs import open_library
+    from torchbrdf.estimation import MaterialClasses
+
     print(MaterialClasses.fit(open_library(options), options.n_classes, options.n_dims).table())
     return 0

@@ -3,23 +3,27 @@
 import argparse
 from pathlib import Path
 
-from torchbrdf.commands.inputs import labels, open_probe, open_table
-from torchbrdf.comparison import SAMPLES, SIZE, Comparison
-from torchbrdf.comparison_page import write_comparison
+from torchbrdf.commands._options import add_light, add_output
 from torchbrdf.files import writing
+from torchbrdf.report import COMPARISON_SAMPLES, COMPARISON_SIZE
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options that are not shared with other commands."""
+    """What is compared, and how well."""
     parser.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help="MERL table, or a folder that `fit` wrote")
-    parser.add_argument("--size", type=int, default=SIZE, help="pixels along a sphere; default: %(default)s")
-    parser.add_argument(
-        "--samples", type=int, default=SAMPLES, help="samples a pixel, on average; default: %(default)s"
-    )
+    text = "pixels along a sphere; default: %(default)s"
+    parser.add_argument("--size", type=int, default=COMPARISON_SIZE, help=text)
+    text = "samples a pixel, on average; default: %(default)s"
+    parser.add_argument("--samples", type=int, default=COMPARISON_SAMPLES, help=text)
+    add_light(parser, default="default")
+    add_output(parser, "X.html")
 
 
 def run(options: argparse.Namespace) -> int:
     """Compare BRDFs with the first: spheres, slices, curves, differences, and a light to turn; one HTML page."""
+    from torchbrdf.commands._inputs import labels, open_probe, open_table
+    from torchbrdf.report import Comparison, write_comparison
+
     paths = options.brdfs
     if len(paths) < 2:
         raise ValueError(f"compare needs two BRDFs or more, got {paths[0]} alone; name the reference first")

@@ -15,8 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import fill
 
-import torch
-
 from torchbrdf._version import __version__
 from torchbrdf.files import cache_folder
 from torchbrdf.mitsuba_startup import (
@@ -65,6 +63,10 @@ class Section:
     def add(self, label: str, text: str) -> None:
         """One line."""
         self.lines.append((label, text))
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """None."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -167,6 +169,8 @@ def _llvm(facts: dict) -> str:
 
 def _threads(section: Section, facts: dict) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    import torch
+
     threads = torch.get_num_threads()
     section.add("CPU cores", f"{cores} usable")
     section.add("torch", f"{threads} threads")
@@ -177,6 +181,8 @@ def _threads(section: Section, facts: dict) -> None:
 
 
 def _cuda(section: Section) -> None:
+    import torch
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         available = torch.cuda.is_available()

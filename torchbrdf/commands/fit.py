@@ -1,57 +1,44 @@
 """`torchbrdf fit`: from a photograph of a ball, or of another known shape, to its BRDF."""
 
 import argparse
-import json
-from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
-from torch import Tensor
+from torchbrdf.alignment import Range
+from torchbrdf.commands._options import STD, add_estimation, add_light, add_output, add_shape
+from torchbrdf.files import writing_folder
 
-from torchbrdf.basis_images import BasisImages
-from torchbrdf.classes import MaterialClasses
-from torchbrdf.commands import alignment
-from torchbrdf.commands.inputs import RESULT, about, open_library, open_probe, open_view
-from torchbrdf.constraints import Constraint
-from torchbrdf.estimator import DEFAULT_PENALTY, BRDFEstimator, Penalty
-from torchbrdf.files import writing, writing_folder
-from torchbrdf.images import read_image, read_mask, write_image
-from torchbrdf.library import MaterialLibrary
-from torchbrdf.merl import MerlTable, above_horizon
-from torchbrdf.photograph import LARGEST_DEFAULT_SIZE, Circle, Observation, find_circle, observe, observe_view
-from torchbrdf.probe import LightProbe
-from torchbrdf.reconstruction import Reconstruction
-from torchbrdf.rendering import render_basis
-from torchbrdf.view import SphereView, View
-
-STD = "brdf_std.binary"
-"""The standard deviation of f_r in every cell, as a MERL table."""
-
-PENALTY_HELP = f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
-CONSTRAINT_HELP = (
-    "nonnegative weights; convex: they also sum to 1; energy: a BRDF >= 0 that reflects no more than it gets"
-)
+_ONLY_WITH_ALIGN = ("search", "blur", "exposure", "white_balance")
 
 
-def penalty(text: str) -> Penalty:
-    """Parse `--penalty`."""
-    if text == "auto":
-        return "auto"
-    if text == "paper":
-        return "paper"
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f'must be "auto", "paper" or a number >= 0, got {text}')
-    return value
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is photographed, under which light, and how it is explained."""
+    parser.add_argument("photo", type=Path, help="linear HDR photograph of the ball or the shape, .exr or .hdr")
+    add_light(parser)
+    add_shape(parser)
+    parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
+    add_estimation(parser)
+    group = parser.add_argument_group("alignment of the light probe with the photograph")
+    group.add_argument("--align", action="store_true", help="find the rotation of the probe")
+    text = "near: within about 20 degrees (default); full: also any turn about the vertical axis"
+    group.add_argument("--search", choices=get_args(Range), help=text)
+    group.add_argument("--blur", action="store_true", help="find a blur of the probe, too")
+    text = "find a factor of the photograph, too, and divide by it; rarely certain to better than 50 %%"
+    group.add_argument("--exposure", action="store_true", help=text)
+    group.add_argument("--white-balance", action="store_true", help="the same for each colour channel")
+    parser.add_argument("--uncertainty", action="store_true", help=f"also write {STD}: how sure each cell is")
+    add_output(parser, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
 
 def run(options: argparse.Namespace) -> int:
     """Recover the BRDF of a photographed ball, or another known shape: brdf.binary, weights.json, report.html."""
-    alignment.check(options)
-    if options.uncertainty and options.penalty != "auto":
-        raise ValueError(f"--uncertainty needs --penalty auto, a fixed one has no posterior; got {options.penalty}")
+    from torchbrdf.brdf import MerlTable, above_horizon
+    from torchbrdf.commands import _alignment
+    from torchbrdf.commands._inputs import open_library, open_probe
+    from torchbrdf.commands._reconstruction import fit, read_observation, summary, write_results
+    from torchbrdf.transport import BasisImages
+
+    check_options(options)
     with writing_folder(options.output) as folder:
         size = options.size
         if options.basis is not None and size is None:
@@ -63,10 +50,10 @@ def run(options: argparse.Namespace) -> int:
         settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
         written = "brdf.binary, weights.json, fitted.exr and report.html"
         if options.align:
-            found = alignment.aligned(options, observation, probe, view, library)
-            observation, probe = alignment.divided(observation, found), found.probe
-            basis = alignment.basis_of(found)
-            alignment.write(folder, found)
+            found = _alignment.aligned(options, observation, probe, view, library)
+            observation, probe = _alignment.divided(observation, found), found.probe
+            basis = _alignment.basis_of(found)
+            _alignment.write(folder, found)
             settings["alignment"] = str(found)
             written = f"alignment.json, aligned_probe.exr, {written}"
         fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
@@ -84,117 +71,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def read_observation(options: argparse.Namespace, size: int | None) -> tuple[Observation, View]:
-    """The photograph, its mask and circle, resampled to `size`, and the shape that it shows."""
-    photograph = read_image(options.photo, allow_ldr=options.allow_ldr)
-    mask = None if options.mask is None else read_mask(options.mask)
-    if options.view != "sphere":
-        if options.circle is not None:
-            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
-        view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.shape[-1]))
-        with about(options.photo):
-            return observe_view(photograph, view, mask), view
-    with about(options.mask or options.photo):
-        circle = find_circle((photograph.shape[-2], photograph.shape[-1]), mask)
-    if options.circle is not None:
-        circle = Circle(*options.circle)
-    with about(options.photo):
-        observation = observe(photograph, circle, mask, size)
-    return observation, open_view(options, observation.image.shape[-1])
-
-
-@dataclass(frozen=True)
-class Fit:
-    """An observation and what came of it."""
-
-    observation: Observation
-    view: View
-    basis: BasisImages
-    classes: MaterialClasses
-    estimator: BRDFEstimator
-    result: Reconstruction
-    table: MerlTable
-
-    @property
-    def image(self) -> Tensor:
-        """(3, H, W): the photograph as the weights explain it."""
-        image = self.result.image
-        return image[0] if isinstance(image, tuple) else image
-
-
-def fit(
-    observation: Observation,
-    probe: LightProbe,
-    library: MaterialLibrary,
-    penalty: Penalty = DEFAULT_PENALTY,
-    view: View | None = None,
-    basis: BasisImages | None = None,
-    constraint: Constraint | None = None,
-    robust: bool = False,
-) -> Fit:
-    """Render the basis, solve, and expand the table.
-
-    penalty, constraint, robust  as `BRDFEstimator` takes them
-    view   default: an orthographic sphere
-    basis  rendered before, with this library, probe and view
-    """
-    view = view or SphereView(observation.image.shape[-1])
-    basis = basis or render_basis(library, probe, view, progress=True)
-    classes = MaterialClasses.fit(library)
-    estimator = BRDFEstimator(basis, classes, penalty, constraint=constraint, library=library, robust=robust)
-    result = estimator(observation.image, observation.mask)
-    return Fit(observation, view, basis, classes, estimator, result, result.brdf(library))
-
-
-def write_results(
-    folder: Path, fitted: Fit, probe: LightProbe, library: MaterialLibrary, settings: dict[str, str]
-) -> None:
-    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder."""
-    from torchbrdf.report import write_report
-    from torchbrdf.report_evidence import Subject
-
-    fitted.table.save(folder / RESULT)
-    write_image(folder / "fitted.exr", fitted.image)
-    with writing(folder / "weights.json") as path:
-        path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")
-    seen = fitted.observation
-    subject = Subject(seen.image, seen.mask, fitted.result, fitted.basis, library, probe, fitted.view)
-    description = settings | {
-        "penalty": str(fitted.estimator.penalty),
-        "constraint": str(fitted.estimator.constraint or "none"),
-        "outliers": "left out" if fitted.estimator.robust else "used",
-        "classes": f"{fitted.classes.sizes} basis BRDFs",
-    }
-    observability = fitted.estimator.observability(library)
-    write_report(folder / "report.html", subject, description, observability=observability)
-
-
-def weights_record(fitted: Fit) -> dict[str, object]:
-    """weights.json: the settings, and the three weights (R, G and B of the result) of every basis BRDF used."""
-    weights = fitted.result.weights
-    used = weights.abs().sum(1).nonzero().ravel().tolist()
-    names = fitted.result.names
-    return {
-        "class": int(fitted.result.class_index),
-        "class_probabilities": fitted.result.class_probabilities.tolist(),
-        "class_errors": fitted.result.class_errors.tolist(),
-        "relative_error": float(fitted.result.relative_error),
-        "penalty": fitted.estimator.penalty,
-        "constraint": fitted.estimator.constraint,
-        "robust": fitted.estimator.robust,
-        "library": fitted.result.library,
-        "normal_coverage": fitted.basis.normal_coverage,
-        "weights": [{"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used],
-    }
-
-
-def summary(fitted: Fit) -> str:
-    """One line on what was found."""
-    result = fitted.result
-    j = int(result.class_index)
-    if result.posteriors is None:
-        what = f"class {j} of {fitted.classes.n_classes} ({fitted.classes.sizes[j]} basis BRDFs)"
-    else:
-        n_classes, probability = fitted.classes.n_classes, float(result.class_probabilities[j])
-        what = f"most probable of {n_classes} classes: {j} ({fitted.classes.sizes[j]} basis BRDFs), {probability:.0%}"
-    return f"{what}; relative error on the photograph {float(result.relative_error):.2%}"
+def check_options(options: argparse.Namespace) -> None:
+    """Raise ValueError for options that do not go together."""
+    for name in _ONLY_WITH_ALIGN:
+        if getattr(options, name) and not options.align:
+            raise ValueError(f"--{name.replace('_', '-')} is a part of the alignment: give --align, too")
+    if options.align and options.basis is not None:
+        raise ValueError("--basis holds images under the probe as it is, and --align turns it: leave one of them out")
+    if options.uncertainty and options.penalty != "auto":
+        raise ValueError(f"--uncertainty needs --penalty auto, a fixed one has no posterior; got {options.penalty}")

@@ -1,19 +1,18 @@
 """`torchbrdf live`: the recovered BRDF under a light that the user turns, in the browser."""
 
+from __future__ import annotations
+
 import argparse
-import threading
-import webbrowser
 from collections.abc import Callable
-from pathlib import PurePath
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
 
-import torch
+from torchbrdf.commands._options import LAYOUTS, add_estimation, add_light, add_shape
 
-from torchbrdf.commands.demo import MATERIAL, photographed
-from torchbrdf.commands.fit import Fit, fit, read_observation, summary
-from torchbrdf.commands.inputs import open_library, open_probe
-from torchbrdf.library import MaterialLibrary
-from torchbrdf.live_server import LiveServer, listen
-from torchbrdf.probe import LightProbe
+if TYPE_CHECKING:
+    from torchbrdf.brdf import MaterialLibrary
+    from torchbrdf.commands._reconstruction import Fit
+    from torchbrdf.light import LightProbe
 
 PIXELS = 128
 _OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "size")
@@ -28,13 +27,31 @@ def _whole_number(least: int, most: int) -> Callable[[str], int]:
     return parse
 
 
-port = _whole_number(0, 65535)
-pixels = _whole_number(16, 512)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """A photograph as `fit` takes it, the light to turn, and where the page is shown."""
+    parser.add_argument("photo", type=Path, nargs="?", help="as `fit` takes it; default: the ball of `torchbrdf demo`")
+    add_light(parser, required=False)
+    add_shape(parser)
+    add_estimation(parser)
+    parser.add_argument("--light", help='another probe to turn instead; "default" for the embedded one')
+    parser.add_argument("--light-layout", choices=LAYOUTS, default="latlong", help="of --light; default: latlong")
+    text = "along a sphere; default: %(default)s"
+    parser.add_argument("--pixels", type=_whole_number(16, 512), default=PIXELS, help=text)
+    text = "of 127.0.0.1; default: any free one"
+    parser.add_argument("--port", type=_whole_number(0, 65535), default=0, help=text)
+    parser.add_argument("--no-browser", action="store_true", help="print the page's address, and open no browser")
 
 
 def run(options: argparse.Namespace) -> int:
     """Turn the light around spheres of the recovered BRDF and of each class's candidate, in the browser."""
-    from torchbrdf.live_relighting import Relighter
+    import threading
+    import webbrowser
+
+    import torch
+
+    from torchbrdf.commands._inputs import open_probe
+    from torchbrdf.commands._reconstruction import summary
+    from torchbrdf.live import LiveServer, Relighter, listen
 
     with listen(options.port) as listener:  # before the fit: a port that is in use is known at once
         title, fitted, library, probe = _recovered(options)
@@ -54,6 +71,12 @@ def run(options: argparse.Namespace) -> int:
 
 def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, LightProbe]:
     """What was photographed, what came of it, the library, and the photograph's light."""
+    from torchbrdf.brdf import MaterialLibrary
+    from torchbrdf.commands._demonstration import MATERIAL, photographed
+    from torchbrdf.commands._inputs import open_library, open_probe
+    from torchbrdf.commands._reconstruction import fit, read_observation
+    from torchbrdf.light import LightProbe
+
     estimation = {"penalty": options.penalty, "constraint": options.constraint, "robust": options.robust}
     if options.photo is None:
         given = [key for key in _OF_A_PHOTOGRAPH if getattr(options, key) is not None]

@@ -1,17 +1,30 @@
 """`torchbrdf render`: a table under a light."""
 
 import argparse
+from pathlib import Path
 
-from torchbrdf.commands.inputs import open_probe
+from torchbrdf.commands._options import add_light, add_output
 from torchbrdf.files import writing
-from torchbrdf.images import check_image_suffix, write_image
-from torchbrdf.merl import MerlTable
-from torchbrdf.rendering import render
-from torchbrdf.view import SphereView
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is rendered, and how well."""
+    parser.add_argument("brdf", type=Path, help="MERL table, .binary")
+    add_light(parser)
+    parser.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
+    parser.add_argument("--samples", type=int, default=1024, help="samples a pixel, on average; default: 1024")
+    parser.add_argument("--exposure", type=float, default=1.0, help="factor on the radiance in a .png; default: 1")
+    add_output(parser, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
 
 
 def run(options: argparse.Namespace) -> int:
     """Render a sphere of a BRDF under a light probe, as .exr, .hdr or .png."""
+    from torchbrdf.brdf import MerlTable
+    from torchbrdf.commands._inputs import open_probe
+    from torchbrdf.images import check_image_suffix, write_image
+    from torchbrdf.rendering import render
+    from torchbrdf.view import SphereView
+
     check_image_suffix(options.output)
     with writing(options.output) as temporary:
         probe = open_probe(options)

@@ -1,22 +1,9 @@
-"""Mitsuba 3 beside the transport of this package."""
+"""Mitsuba 3 beside the transport of this package: it bakes basis images, judges ours and shows results.
 
-from torchbrdf.camera import Camera
-from torchbrdf.mitsuba_backend.baking import bake_basis
-from torchbrdf.mitsuba_backend.export import export_scene
-from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, register_merl
-from torchbrdf.mitsuba_backend.mesh_view import MeshView
-from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
-from torchbrdf.mitsuba_startup import MitsubaUnavailableError, load_mitsuba
+In: tables, libraries, probes, views. Out: renderings with error estimates, `BasisImages`, scenes on disk, and `merl`, a
+BSDF plugin for any Mitsuba scene.
+"""
 
-__all__ = [
-    "Camera",
-    "HalfRenderings",
-    "MeshView",
-    "MitsubaScene",
-    "MitsubaUnavailableError",
-    "bake_basis",
-    "export_scene",
-    "load_mitsuba",
-    "merl_bsdf",
-    "register_merl",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,13 +16,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 from tqdm import tqdm
 
-from torchbrdf.basis_images import BasisImages
+from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.files import writing
-from torchbrdf.library import MaterialLibrary
-from torchbrdf.mitsuba_backend.light_paths import N_NUMBERS, LightPaths
-from torchbrdf.probe import LightProbe
-from torchbrdf.transport import DEFAULT_SAMPLES, gather_columns
-from torchbrdf.transport_sampling import TransportSamples
+from torchbrdf.light import LightProbe
+from torchbrdf.mitsuba_backend._light_paths import N_NUMBERS, LightPaths
+from torchbrdf.transport import DEFAULT_SAMPLES, BasisImages, TransportSamples, gather_columns
 from torchbrdf.view import View
 
 _PATHS_AT_ONCE = 1 << 18

@@ -12,14 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.camera import Framing
-from torchbrdf.merl import MerlTable
-from torchbrdf.mitsuba_backend.merl_bsdf import merl_bsdf, table_values
-from torchbrdf.mitsuba_backend.mesh_view import MeshView
-from torchbrdf.mitsuba_backend.tracing import to_mitsuba_mesh
-from torchbrdf.mitsuba_startup import is_vectorised, load_mitsuba
-from torchbrdf.probe import LightProbe, checked_rotation
-from torchbrdf.view import View
+from torchbrdf.brdf import MerlTable
+from torchbrdf.light import LightProbe, checked_rotation
+from torchbrdf.mitsuba_backend.merl_plugin import merl_bsdf, table_values
+from torchbrdf.mitsuba_startup import MitsubaUnavailableError as MitsubaUnavailableError, is_vectorised, load_mitsuba
+from torchbrdf.view import Camera as Camera, Framing, MeshView, View, to_mitsuba_mesh
 
 SceneDict = dict[str, Any]
 """A scene, or a part of one, as `mitsuba.load_dict` takes it."""

@@ -1,0 +1,1 @@
+"""The pieces of the paper's experiments, which the scripts above run: its figures, tables I to III, leave-one-out."""

@@ -1,0 +1,1 @@
+"""The paper's tables I to III: photographs under a light that is believed to be turned."""

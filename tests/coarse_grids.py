@@ -1,0 +1,21 @@
+"""Grids of the harmonic transport that take less time: values by the names of what they replace."""
+
+from torchbrdf.transport.harmonic.light import TurningLight
+
+HALF_GRID = {
+    "torchbrdf.transport.harmonic.grid._ROWS": (128, 96, 64, 64),
+    "torchbrdf.transport.harmonic._kernels._AZIMUTHS": (32, 48, 64, 96),
+    "torchbrdf.brdf.norms._SAMPLES": 1 << 16,
+    "torchbrdf.transport.harmonic.basis.TurningLight": lambda probe, _: TurningLight(probe, 360),
+}
+"""Of the harmonic transport: as good for TINY_MATERIALS under `LightProbe.default(64)`, in a third of the time."""
+
+
+COARSE = {
+    "torchbrdf.brdf.library.MIN_MATERIALS": 1,
+    "torchbrdf.transport.harmonic.grid._ROWS": (16, 12, 8, 8),
+    "torchbrdf.transport.harmonic.grid.RINGS_PER_GROUP": 8,
+    "torchbrdf.transport.harmonic._kernels._AZIMUTHS": (8, 8, 8, 8),
+    "torchbrdf.brdf.norms._SAMPLES": 1 << 12,
+}
+"""Good for nothing but to see what is computed, and when."""

@@ -1,0 +1,199 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
+
+from torchbrdf.brdf.library import MaterialLibrary
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.light.probe import LightProbe
+from torchbrdf.rendering.basis import render_basis
+from torchbrdf.transport.basis_images import BasisImages
+from torchbrdf.view.sphere import SphereView
+
+SIZE = 8
+
+
+@pytest.fixture(scope="module")
+def probe() -> LightProbe:
+    return LightProbe.default(16)
+
+
+@pytest.fixture(scope="module")
+def basis(tiny_library: MaterialLibrary, probe: LightProbe) -> BasisImages:
+    return render_basis(tiny_library, probe, SphereView(SIZE), samples=64)
+
+
+@pytest.fixture
+def saved(basis: BasisImages, tmp_path: Path) -> Path:
+    basis.save(tmp_path / "basis.safetensors")
+    return tmp_path / "basis.safetensors"
+
+
+def small(**changes: object) -> BasisImages:
+    """Two materials, a 2 x 3 image of which four pixels are used; entry 100 row + 10 channel + pixel."""
+    mask = torch.tensor([[[True, False, True], [True, True, False]]])
+    packed = 100 * torch.arange(6.0)[:, None, None] + 10 * torch.arange(3.0)[:, None] + torch.arange(4.0)
+    fields = {"packed": packed, "mask": mask, "names": ("a", "b"), "library": "L", "probe": "P", "view": "V"}
+    return BasisImages(**{**fields, **changes})
+
+
+class TestContents:
+    def test_sizes(self):
+        basis = small()
+        assert (basis.n, basis.size) == (6, (2, 3))
+        assert "n = 6, 2 x 3, 4 pixels" in repr(basis)
+
+    def test_few_normals_are_distrusted_wherever_the_images_go(self, tmp_path):
+        assert small(normal_coverage=0.15).distrust is None
+        plane = small(normal_coverage=0.009)
+        plane.save(tmp_path / "plane.safetensors")
+        for basis in (plane, plane.subset(["b"]), BasisImages.load(tmp_path / "plane.safetensors")):
+            assert basis.distrust is not None
+            assert "0.9% of the normals of a sphere" in basis.distrust
+
+    def test_subset_and_without_take_three_rows_a_material(self):
+        basis = small()
+        swapped = basis.subset(["b", "a"])
+        assert swapped.names == ("b", "a")
+        assert swapped.packed[:, 0, 0].tolist() == [300, 400, 500, 0, 100, 200]
+        left = basis.without("a")
+        assert left.names == ("b",)
+        assert left.packed[:, 0, 0].tolist() == [300, 400, 500]
+        assert basis.names == ("a", "b")
+
+    def test_unknown_names(self):
+        for use in (lambda b: b.subset(["a", "c"]), lambda b: b.without("c"), lambda b: b.image("c")):
+            with pytest.raises(ValueError, match="no material 'c' among these 2 basis images"):
+                use(small())
+
+    def test_image_shows_each_channel_of_the_material_in_its_own_colour_of_the_light(self):
+        image = small().image("b")
+        assert image.shape == (3, 2, 3)
+        assert image[:, 0, 0].tolist() == [300, 410, 520]
+        assert image[:, 1, 1].tolist() == [303, 413, 523]
+        assert image[:, 0, 1].tolist() == [0, 0, 0]
+
+    def test_pack_and_unpack(self):
+        basis = small()
+        image = torch.arange(12.0).reshape(2, 1, 2, 3)
+        packed = basis.pack(image)
+        assert packed.tolist() == [[[0, 2, 3, 4]], [[6, 8, 9, 10]]]
+        assert torch.equal(basis.unpack(packed), torch.where(basis.mask, image, 0))
+
+    def test_shapes_must_belong_together(self):
+        with pytest.raises(
+            ValueError, match=r"packed must be \(6, 3, 4\) for these names and this mask, got \(6, 3, 5\)"
+        ):
+            small(packed=torch.zeros(6, 3, 5))
+        with pytest.raises(ValueError, match=r"packed must be \(3, 3, 4\)"):
+            small(names=("a",))
+
+    def test_renderings_say_what_they_come_from(
+        self, basis: BasisImages, tiny_library: MaterialLibrary, probe: LightProbe
+    ):
+        assert basis.names == tiny_library.names
+        assert basis.library == tiny_library.source
+        assert basis.probe == probe.fingerprint
+        assert basis.view == SphereView(SIZE).fingerprint
+        assert basis.packed.shape == (30, 3, int(SphereView(SIZE).mask.sum()))
+
+    def test_selection_of_the_library_is_the_selection_of_the_images(
+        self, basis: BasisImages, tiny_library: MaterialLibrary, probe: LightProbe
+    ):
+        direct = render_basis(tiny_library.without("red"), probe, SphereView(SIZE), samples=64)
+        chosen = basis.without("red")
+        assert (direct.names, direct.library) == (chosen.names, chosen.library)
+        assert torch.equal(direct.packed, chosen.packed)
+
+
+class TestFiles:
+    def test_load_returns_what_was_saved(
+        self, basis: BasisImages, saved: Path, tiny_library: MaterialLibrary, probe: LightProbe
+    ):
+        for found in (BasisImages.load(saved), BasisImages.load(saved, tiny_library, probe, SphereView(SIZE))):
+            assert torch.equal(found.packed, basis.packed)
+            assert torch.equal(found.mask, basis.mask)
+            for field in ("names", "library", "probe", "view", "description"):
+                assert getattr(found, field) == getattr(basis, field)
+
+    def test_the_file_is_safetensors_with_the_fingerprints(self, basis: BasisImages, saved: Path):
+        with safe_open(saved, "pt") as file:
+            metadata = file.metadata()
+        assert {metadata["library"], metadata["probe"], metadata["view"]} == {basis.library, basis.probe, basis.view}
+
+    def test_names_with_spaces_quotes_and_accents_survive(self, tmp_path: Path):
+        names = ('say "cheese"', "näve, ça va\n")
+        small(names=names).save(tmp_path / "b.safetensors")
+        assert BasisImages.load(tmp_path / "b.safetensors").names == names
+
+    def test_another_probe_is_refused(self, saved: Path, probe: LightProbe):
+        turned = probe.rotated(torch.tensor([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
+        for other in (probe.scaled(2.0), turned, LightProbe.default(8)):
+            with pytest.raises(ValueError, match=r"basis\.safetensors: rendered with another light probe; render"):
+                BasisImages.load(saved, probe=other)
+        assert BasisImages.load(saved, probe=LightProbe(probe.radiance.clone())).probe == probe.fingerprint
+
+    def test_another_view_is_refused(self, saved: Path):
+        for other in (SphereView(SIZE + 1), SphereView(SIZE, fov_deg=30)):
+            with pytest.raises(ValueError, match=r"rendered with another view; render the basis again"):
+                BasisImages.load(saved, view=other)
+
+    def test_another_library_is_refused(
+        self, saved: Path, tiny_library: MaterialLibrary, tiny_tables: dict[str, MerlTable]
+    ):
+        reversed_order = tiny_library.subset(tiny_library.names[::-1])
+        other_values = MaterialLibrary.from_tables([replace(t, values=t.values * 2) for t in tiny_tables.values()])
+        assert other_values.names == tiny_library.names
+        for other in (tiny_library.without("red"), reversed_order, other_values):
+            with pytest.raises(ValueError, match="rendered with another library; render the basis again"):
+                BasisImages.load(saved, library=other)
+
+    def test_a_saved_selection_belongs_to_that_selection(
+        self, basis: BasisImages, tiny_library: MaterialLibrary, tmp_path: Path
+    ):
+        basis.without("red").save(tmp_path / "b.safetensors")
+        assert BasisImages.load(tmp_path / "b.safetensors", tiny_library.without("red")).n == 27
+        with pytest.raises(ValueError, match="another library"):
+            BasisImages.load(tmp_path / "b.safetensors", tiny_library)
+
+    def test_absent(self, tmp_path: Path):
+        with pytest.raises(FileNotFoundError, match=r"gone\.safetensors: no such file; expected basis images"):
+            BasisImages.load(tmp_path / "gone.safetensors")
+
+    @pytest.mark.parametrize("content", [b"", b"neither", b"\xff" * 200], ids=["empty", "text", "bytes"])
+    def test_another_kind_of_file(self, tmp_path: Path, content: bytes):
+        (tmp_path / "b.safetensors").write_bytes(content)
+        with pytest.raises(ValueError, match=r"b\.safetensors: not basis images"):
+            BasisImages.load(tmp_path / "b.safetensors")
+
+    def test_truncated(self, saved: Path):
+        raw = saved.read_bytes()
+        saved.write_bytes(raw[:-100])
+        with pytest.raises(ValueError, match=r"basis\.safetensors: not basis images"):
+            BasisImages.load(saved)
+
+    def test_safetensors_of_something_else(self, tmp_path: Path):
+        path = tmp_path / "b.safetensors"
+        for metadata in (None, {"format": "pt"}, {"format": "torchbrdf basis images 0"}):
+            save_file({"packed": torch.zeros(6, 3, 4)}, path, metadata)
+            with pytest.raises(ValueError, match=r"b\.safetensors: not basis images of this version"):
+                BasisImages.load(path)
+
+    def test_failed_save_keeps_the_old_file(self, basis: BasisImages, saved: Path, monkeypatch: pytest.MonkeyPatch):
+        def interrupted(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        before = saved.read_bytes()
+        monkeypatch.setattr("torchbrdf.transport.basis_images.save_file", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            basis.subset(["red"]).save(saved)
+        assert saved.read_bytes() == before
+        assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+    def test_saving_a_strided_selection(self, basis: BasisImages, tmp_path: Path):
+        strided = replace(basis, packed=basis.packed.transpose(0, 2).contiguous().transpose(0, 2))
+        strided.save(tmp_path / "b.safetensors")
+        assert torch.equal(BasisImages.load(tmp_path / "b.safetensors").packed, basis.packed)

@@ -1,0 +1,7 @@
+from .alignment import (
+    Alignment as Alignment,
+    align as align,
+)
+from .exposure import Exposure as Exposure
+from .learned_rotation import LearnedRotation as LearnedRotation
+from .settings import Range as Range

@@ -1,0 +1,160 @@
+"""How well a photograph is explained under a light probe in any orientation, and the way uphill.
+
+Under every rotation the weights are solved for anew, with the estimator's priors, and the evidence tells how well the
+light explains the photograph (variable projection [GP73]). It is highest near the true rotation and falls off steadily
+for many degrees around it, because a wrong light looks like a rougher material. So Gauss-Newton steps find the top: the
+change of the image as the light turns counts where no weights can imitate it.
+"""
+
+from dataclasses import dataclass
+from math import log, radians
+
+import torch
+from torch import Tensor
+
+from torchbrdf.estimation import Explanation, ImageSpace, PriorBank, prior_variances, redundancy, residual_scale
+from torchbrdf.light import LightProbe, rotation_of, rotation_vector
+from torchbrdf.transport import BasisImages
+from torchbrdf.transport.harmonic import HarmonicBasis
+
+DOUBT = 100.0
+"""What the evidence of rotations is divided by for a sphere of 64 x 64 pixels, see `redundancy`. Every pixel counts in
+it, but what no material of the library explains is the same in neighbouring pixels and changes as the light turns
+(docs/alignment.md)."""
+
+_LONGEST_STEP = radians(8)
+_SMALLEST_STEP = radians(0.01)
+_MOST_STEPS = 12
+_FIRST_DAMPING = 0.5
+_MOST_DAMPING = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A photograph as it is explained under one rotation of the light.
+
+    rotation      (3, 3) float64
+    basis         under the turned light
+    explanation   of the photograph, by all priors
+    log_evidence  of all priors together, divided as DOUBT says
+    """
+
+    rotation: Tensor
+    basis: BasisImages
+    explanation: Explanation
+    log_evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Summit:
+    """Where a climb ended.
+
+    trial         the best
+    precision     (3, 3) float64: minus the second derivatives of the log posterior by turns about +X, +Y, +Z,
+                  1/radian^2
+    log_evidence  of all rotations around it together, each weighted by the prior around where the climb began: the
+                  log posterior at the best, and the volume of the Gaussian of `precision` over the prior's (Laplace)
+    converged     whether the last step was short enough; not where steps ran out, or none of any length led higher
+    """
+
+    trial: Trial
+    precision: Tensor
+    log_evidence: float
+    converged: bool
+
+
+class RotationSearch:
+    """The evidence of one photograph as a function of the light's rotation.
+
+    light     basis images in any orientation
+    y         (1, 3, P) float64, the pixels used
+    used      (P,) bool, of the pixels of the view
+    expected  standard deviation in radians about each axis of how far the light is turned from where a climb starts
+    What residuals are divided by, and the priors, are those of the first rotation tried, so that evidence compares.
+    """
+
+    def __init__(self, light: HarmonicBasis, y: Tensor, used: Tensor, expected: float) -> None:
+        """Nothing is computed yet."""
+        self.light, self.y, self.used, self.expected = light, y, used.to(y.device), expected
+        self.evaluations = 0
+        self._doubt = redundancy(DOUBT, y.shape[-1])
+        self._frame: tuple[Tensor, Tensor] | None = None
+
+    def under(self, probe: LightProbe) -> "RotationSearch":
+        """The same photograph under another probe, with evidence that compares."""
+        light = HarmonicBasis(self.light.library, probe, self.light.view)
+        other = RotationSearch(light, self.y, self.used, self.expected)
+        other._frame = self._frame
+        return other
+
+    def trial(self, rotation: Tensor) -> Trial:
+        """Solve for the weights under one rotation."""
+        basis = self.light.basis_at(rotation)
+        packed = basis.packed[..., self.used]
+        scale, variances = self._frame or self._first_frame(packed)
+        bank = PriorBank.of(ImageSpace.weighted(packed, scale), variances, correlation=1)
+        found = bank.explain(self.y)
+        self.evaluations += 1
+        return Trial(rotation, basis, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
+
+    def climb(self, start: Trial) -> Summit:
+        """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow."""
+        origin = start.rotation
+        prior = torch.eye(3, dtype=torch.float64) / self.expected**2
+
+        def turn(trial: Trial) -> Tensor:
+            return rotation_vector(trial.rotation @ origin.T)
+
+        def log_posterior(trial: Trial) -> float:
+            return trial.log_evidence - 0.5 * float(turn(trial) @ prior @ turn(trial))
+
+        def summit(trial: Trial, precision: Tensor, converged: bool) -> Summit:
+            volume = -0.5 * (float(torch.logdet(precision)) + 6 * log(self.expected))
+            return Summit(trial, precision, log_posterior(trial) + volume, converged)
+
+        best, damping = start, 0.0
+        for _ in range(_MOST_STEPS):
+            gradient, precision = self._slope(best)
+            gradient, precision = gradient - prior @ turn(best), precision + prior
+            while True:
+                step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
+                step = step * min(1.0, _LONGEST_STEP / max(float(step.norm()), 1e-12))
+                short = float(step.norm()) < _SMALLEST_STEP
+                if short or damping > _MOST_DAMPING:
+                    return summit(best, precision, short)
+                new = self.trial(rotation_of(step) @ best.rotation)
+                if log_posterior(new) > log_posterior(best):
+                    break
+                damping = max(_FIRST_DAMPING, 4 * damping)
+            best, damping = new, damping / 4
+        return summit(best, precision, False)
+
+    def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
+        """First (3,) and minus second derivatives (3, 3) of the log evidence by turns, with the best prior and penalty.
+
+        With M = Y S Y^T / lambda + 1, residual r, and changes J of the image at the solution, the evidence is
+        -1/2 sum over channels of P log(y^T M^-1 y), so these are P r^T J / (y^T M^-1 y) and P J^T M^-1 J / (...).
+        """
+        found, bank = trial.explanation, trial.explanation.bank
+        m, penalty = divmod(int(found.log_evidence[0].argmax()), found.log_evidence.shape[2])
+        only = torch.zeros_like(found.log_evidence)
+        only[0, m, penalty] = 1
+        weights = found.components(only)[0, m]
+        change = self.light.change_at(weights.mT, trial.rotation)[..., self.used].double()
+        weighted, residual = change * bank.space.inverse, self.y - bank.space.render(weights[None], torch.float64)
+        inside, _ = bank.space.project(change)
+        seen = torch.einsum("asr,srk->ask", inside, bank.vectors[m])
+        product = torch.einsum("asp,bsp->sab", weighted, weighted) - torch.einsum("asr,bsr->sab", inside, inside)
+        product = product + torch.einsum("ask,sk,bsk->sab", seen, bank.damping[m, :, penalty], seen)
+        slope = torch.einsum("asp,sp->sa", weighted, residual[0] * bank.space.inverse)
+        quadratic = found.quadratic[0, m, :, penalty]
+        count = torch.where(quadratic > 0, bank.independent_pixels / self._doubt / quadratic, 0)
+        return (count @ slope).cpu(), torch.einsum("s,sab->ab", count, product).cpu()
+
+    def _first_frame(self, packed: Tensor) -> tuple[Tensor, Tensor]:
+        scale = residual_scale(packed.detach().double().mean(0), [packed.shape[-1]])
+        norms = self.light.library.gram.diagonal().sqrt().to(scale)
+        no_classes = torch.zeros(0, len(norms), dtype=torch.bool, device=scale.device)
+        variances = prior_variances(no_classes, norms, ImageSpace.weighted(packed, scale))
+        self._frame = scale, variances
+        return self._frame

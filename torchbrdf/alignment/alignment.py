@@ -1,0 +1,228 @@
+"""The rotation of a light probe that explains a photograph best.
+
+A probe captured beside the object is never turned exactly as the object saw it, and one degree spoils a reconstruction
+[CBP21, table I]. `align` finds the rotation from the photograph itself, and says what the photograph leaves open.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from math import degrees, log, radians
+from operator import attrgetter
+from typing import get_args
+
+import torch
+from torch import Tensor
+
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial
+from torchbrdf.alignment.exposure import Exposure, exposure_of
+from torchbrdf.alignment.settings import Range
+from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.estimation import check_observation, farthest_points, image_angles
+from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
+from torchbrdf.transport import BasisImages
+from torchbrdf.transport.harmonic import HarmonicBasis, unsuited
+from torchbrdf.view import Frames, View
+
+EXPECTED = radians(5)
+"""Standard deviation, about each axis, of how far a probe is turned before the photograph is seen."""
+
+CONFIDENT = radians(1)
+"""Standard deviation about the least certain axis up to which a photograph tells the rotation."""
+
+CLEAR = log(10)
+"""Log odds above which a probe is turned."""
+
+_PREFERRED = 1.0
+"""Log evidence by which a turn is better for `covariance` to tell of it."""
+
+_TURNS = 24
+"""Rotations about the vertical axis that the full search compares."""
+
+_FOLLOWED = 2
+_RIVAL = 10.0
+"""How many of them are climbed from, and by how much log evidence one may be behind the best."""
+
+_COARSE_COLUMNS = 24
+_COARSE_LINES = 288
+"""Basis BRDFs that look different, whose materials they are compared with, and lines of the light."""
+
+_BLURS = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Degrees that are tried, each only while the evidence grows."""
+
+_BLUR_REFINEMENTS = 2
+_WORTH_A_BLUR = 3.0
+"""Log evidence that a blur has to gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """How a light probe must be turned to explain a photograph.
+
+    rotation      (3, 3) float64: radiance that came from d now comes from R d. That of the start where no other is
+                  clearly better: see log_odds
+    source        the probe as it was given, blurred where that was found
+    basis         basis images under `probe`, for `BRDFEstimator`: made by turning directions, sharper than from `probe`
+    covariance    (3, 3) float64, radians^2, of a further turn about +X, +Y and +Z: what the photograph leaves open, and
+                  the turn that it would prefer where that is not clearly better
+    log_odds      natural logarithm of the odds that the probe had to be turned rather than was right at the start
+    blur          degrees, standard deviation of the blur of the probe; 0 without
+    exposure      what the photograph has to be divided by; None unless asked for
+    converged     whether the search ended by itself
+    evaluations   how many rotations were looked at
+    """
+
+    rotation: Tensor
+    source: LightProbe
+    basis: BasisImages
+    covariance: Tensor
+    log_odds: float
+    blur: float
+    exposure: Exposure | None
+    converged: bool
+    evaluations: int
+
+    @cached_property
+    def probe(self) -> LightProbe:
+        """The probe turned, and blurred where that was found; resampled, which takes a second."""
+        return self.source.rotated(self.rotation)
+
+    @property
+    def angle(self) -> float:
+        """Degrees by which the probe is turned."""
+        return degrees(float(rotation_vector(self.rotation).norm()))
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard deviation in degrees about the axis about which the photograph tells least."""
+        return degrees(float(torch.linalg.eigvalsh(self.covariance)[-1].sqrt()))
+
+    @property
+    def confident(self) -> bool:
+        """Whether the photograph tells the rotation about every axis to a degree."""
+        return self.converged and self.uncertainty <= degrees(CONFIDENT)
+
+    def __str__(self) -> str:
+        """One line on what was found."""
+        axis = rotation_vector(self.rotation)
+        x, y, z = (axis / axis.norm().clamp_min(1e-12)).tolist()
+        what = f"turned by {self.angle:.2f} degrees about ({x:.2f}, {y:.2f}, {z:.2f})"
+        if self.log_odds <= CLEAR:
+            kept = f"kept {what}, as believed: no other" if self.angle else "left as it is: no"
+            what = f"{kept} turn explains the photograph clearly better"
+        certainty = f"standard deviation {self.uncertainty:.2f} degrees about the least certain axis"
+        warning = "" if self.confident else ", more than this photograph can tell for sure"
+        blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
+        exposed = f"; {self.exposure}" if self.exposure else ""
+        return f"light probe {what}{blurred} ({certainty}{warning}){exposed}"
+
+
+def align(
+    image: Tensor,
+    probe: LightProbe,
+    view: View,
+    library: MaterialLibrary,
+    *,
+    mask: Tensor | None = None,
+    search: Range = "near",
+    start: Tensor | None = None,
+    blur: bool = False,
+    exposure: bool = False,
+    white_balance: bool = False,
+    progress: bool = False,
+) -> Alignment:
+    """Find the rotation of the probe under which the library explains a photograph best.
+
+    image     (3, H, W) linear radiance, float32 or float64
+    view      of an orthographic camera, without shadows: a `SphereView` or a `NormalMapView`
+    mask      (1, H, W) bool, True = use; None for all pixels of the view
+    search    "near": within about 20 degrees. "full": about the vertical axis +Y by any angle, and near that
+    start     (3, 3): the rotation that is believed, and kept where no other is clearly better; None for none
+    blur      find a blur of the probe too
+    exposure, white_balance  find a factor of the photograph too, one for all channels or one for each; a photograph
+              tells neither better than materials that look alike differ in albedo, see `Exposure.std`
+    progress  show it while the library's harmonic transport is precomputed, once
+    The posterior of rotations is the evidence of the estimator's priors times a Gaussian of EXPECTED around where a
+    search starts. Where a photograph tells nothing about an axis, that keeps the probe as it is.
+    Raises ValueError for another view, image or mask.
+    """
+    if search not in get_args(Range):
+        raise ValueError(f"search must be one of {', '.join(get_args(Range))}, got {search!r}")
+    y, used, batch = check_observation(image, mask, Frames((view.mask,)), False)
+    if batch:
+        raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
+    reason = unsuited(view)
+    if reason is not None:
+        raise ValueError(f"align needs an orthographic camera and a shape without shadows: {reason}")
+    light = HarmonicBasis(library, probe, view, progress)
+    y = y[..., used[0]].to(light.transport.device, torch.float64)
+    task = RotationSearch(light, y, used[0], EXPECTED)
+    believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
+    starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
+    summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
+    log_odds = summit.log_evidence - believed.log_evidence - log(_TURNS if search == "full" else 1)
+    turned = log_odds > CLEAR
+    best = summit.trial if turned else believed
+    sigma = 0.0
+    if blur:
+        best, sigma, summit = _blurred(task, best, summit, turned)
+    away = rotation_vector(summit.trial.rotation @ best.rotation.T)
+    if summit.trial.log_evidence - believed.log_evidence < _PREFERRED:
+        away = torch.zeros(3, dtype=torch.float64)
+    return Alignment(
+        rotation=best.rotation,
+        source=probe.blurred(sigma),
+        basis=best.basis,
+        covariance=torch.linalg.inv(summit.precision) + torch.outer(away, away),
+        log_odds=log_odds,
+        blur=sigma,
+        exposure=exposure_of(y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
+        converged=summit.converged,
+        evaluations=task.evaluations,
+    )
+
+
+def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:
+    """Trials of the most promising turns about +Y, compared with few basis BRDFs and less light."""
+    light = task.light
+    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
+    names = sorted({light.library.names[column // 3] for column in distinct})
+    few = HarmonicBasis(light.library.subset(names), light.probe, light.view, lines=_COARSE_LINES)
+    coarse = RotationSearch(few, task.y, task.used, EXPECTED)
+    steps = [rotation_of(torch.tensor([0.0, radians(360 / _TURNS * k), 0.0])) for k in range(_TURNS)]
+    turns = [step @ believed.rotation for step in steps]
+    evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns])
+    peak = (evidence >= evidence.roll(1)) & (evidence >= evidence.roll(-1))
+    peak &= evidence > evidence.max() - _RIVAL
+    followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()
+    task.evaluations += coarse.evaluations
+    return [task.trial(turns[k]) for k in followed]
+
+
+def _blurred(task: RotationSearch, best: Trial, summit: Summit, turned: bool) -> tuple[Trial, float, Summit]:
+    """The blur that the photograph asks for, in degrees, with the rotation found again under it."""
+    tried = {0.0: (task, best)}
+
+    def evidence(sigma: float) -> float:
+        if sigma not in tried:
+            blurred = task.under(task.light.probe.blurred(sigma))
+            tried[sigma] = blurred, blurred.trial(best.rotation)
+        return tried[sigma][1].log_evidence
+
+    for low, sigma in pairwise((0.0, *_BLURS)):
+        if evidence(sigma) < evidence(low):
+            break
+    for _ in range(_BLUR_REFINEMENTS):  # between the neighbours of the best
+        known = sorted(tried)
+        at = known.index(max(tried, key=evidence))
+        evidence((known[max(at - 1, 0)] + known[at]) / 2)
+        evidence((known[at] + known[min(at + 1, len(known) - 1)]) / 2)
+    sigma = max(tried, key=evidence)
+    if evidence(sigma) - evidence(0.0) < _WORTH_A_BLUR:
+        sigma = 0.0
+    blurred, trial = tried[sigma]
+    if sigma and turned:
+        summit = blurred.climb(trial)
+        trial = summit.trial
+    task.evaluations += sum(one.evaluations for one, _ in tried.values() if one is not task)
+    return trial, sigma, summit

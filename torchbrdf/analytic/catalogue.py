@@ -1,0 +1,18 @@
+"""The analytic BRDFs by name."""
+
+from importlib import import_module
+
+from torchbrdf.analytic import models
+from torchbrdf.analytic.model import AnalyticModel
+
+MODELS: dict[str, AnalyticModel] = {
+    name: import_module(f"{models.__name__}.{name.replace('-', '_')}").MODEL for name in models.NAMES
+}
+"""Every model of the folder `models`."""
+
+
+def model_of(name: str) -> AnalyticModel:
+    """A model by its name. Raises ValueError with the names there are."""
+    if name not in MODELS:
+        raise ValueError(f"no analytic model {name!r}; there are {', '.join(MODELS)}")
+    return MODELS[name]

@@ -1,0 +1,40 @@
+from .column_sources import ROW_CELLS as ROW_CELLS
+from .difference import (
+    BRDFDifference as BRDFDifference,
+    cell_difference as cell_difference,
+    delta_e_2000 as delta_e_2000,
+)
+from .directions import (
+    from_half_difference as from_half_difference,
+    half_difference as half_difference,
+)
+from .library import MaterialLibrary as MaterialLibrary
+from .library_cache import (
+    StoredColumns as StoredColumns,
+    columns_of as columns_of,
+)
+from .merl import (
+    GRID as GRID,
+    N_CELLS as N_CELLS,
+    MerlTable as MerlTable,
+    above_horizon as above_horizon,
+    cell_centres as cell_centres,
+    cell_index as cell_index,
+    nearest_measured as nearest_measured,
+)
+from .merl_directory import (
+    MERL_MATERIALS as MERL_MATERIALS,
+    table_paths as table_paths,
+    verify as verify,
+)
+from .metrics import (
+    METRICS as METRICS,
+    cell_measure as cell_measure,
+    incident_cosine as incident_cosine,
+)
+from .norms import (
+    column_norms as column_norms,
+    norm_settings as norm_settings,
+)
+from .settings import METRIC_NAMES as METRIC_NAMES
+from .texture import brdf_texture as brdf_texture

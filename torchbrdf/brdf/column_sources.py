@@ -1,0 +1,128 @@
+"""Where the columns of B come from: MERL files, tables in memory, or the embedded analytic parameters."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf.lobes import MODEL_VERSION, expand_row, load_default_parameters
+from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, cell_centres, read_planes
+from torchbrdf.brdf.merl_directory import table_paths
+
+ROW_CELLS = GRID[1] * GRID[2]
+"""Cells of one theta_h row of the grid."""
+
+
+class ColumnSource(Protocol):
+    """m materials as n = 3 m columns, read one theta_h row at a time so that memory stays bounded."""
+
+    names: tuple[str, ...]
+
+    @property
+    def stamp(self) -> str:
+        """Changes whenever the columns may have changed; costs no reading of the columns."""
+        ...
+
+    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+        """The largest f_r of each channel (3,) and the measured cells (N_CELLS,) bool of one material."""
+        ...
+
+    def row(self, i: int) -> Tensor:
+        """(ROW_CELLS, n) float64: row i of all columns; unmeasured cells hold anything finite."""
+        ...
+
+
+class MerlSource:
+    """A directory of MERL `.binary` files."""
+
+    def __init__(self, directory: str | os.PathLike[str]) -> None:
+        """Find the files; raises as `table_paths`."""
+        self.paths = table_paths(directory)
+        self.names = tuple(path.stem for path in self.paths)
+
+    @property
+    def stamp(self) -> str:
+        """Names, sizes and modification times."""
+        states = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in self.paths]
+        return hashlib.sha256(repr(states).encode()).hexdigest()
+
+    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+        """Validates the file: see MerlTable.open."""
+        table = MerlTable.open(self.paths[material])
+        return _extent(table)
+
+    def row(self, i: int) -> Tensor:
+        """Read with plain file access: memory-mapping 100 tables would count as 3.5 GB of resident memory."""
+        planes = [read_planes(path, i * ROW_CELLS, ROW_CELLS) for path in self.paths]
+        return torch.from_numpy(np.concatenate(planes).T * np.tile(CHANNEL_SCALE, len(self.paths)))
+
+
+class TableSource:
+    """Tables that are already in memory."""
+
+    def __init__(self, tables: Sequence[MerlTable]) -> None:
+        """Keep the tables."""
+        self.tables = tables
+        self.names = tuple(table.name for table in tables)
+
+    @property
+    def stamp(self) -> str:
+        """Names and values."""
+        digest = hashlib.sha256(repr(self.names).encode())
+        for table in self.tables:
+            digest.update(table.values.contiguous().numpy().tobytes())
+        return digest.hexdigest()
+
+    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+        """See ColumnSource."""
+        return _extent(self.tables[material])
+
+    def row(self, i: int) -> Tensor:
+        """See ColumnSource."""
+        return torch.cat([table.values[i].reshape(ROW_CELLS, 3).double() for table in self.tables], dim=1)
+
+
+class ParameterSource:
+    """The embedded library: analytic parameters, evaluated at the cell centres."""
+
+    _HEADROOM = 4.0
+    """Above the largest value on every tenth cell, which is what `scan` looks at."""
+
+    def __init__(self) -> None:
+        """Read the parameters that come with the package."""
+        self.names, self.parameters = load_default_parameters()
+
+    @property
+    def stamp(self) -> str:
+        """The parameters, and the version of the model that reads them."""
+        digest = hashlib.sha256(f"{MODEL_VERSION} {self.names}".encode())
+        for key, value in sorted(self.parameters.items()):
+            digest.update(key.encode() + value.contiguous().numpy().tobytes())
+        return digest.hexdigest()
+
+    @cached_property
+    def _peaks(self) -> Tensor:
+        """(m, 3): a bound of the largest f_r."""
+        peak = torch.zeros(3 * len(self.names), dtype=torch.float64)
+        valid = above_horizon().reshape(GRID[0], ROW_CELLS)
+        for i in range(0, GRID[0], 10):
+            peak = torch.maximum(peak, self.row(i)[valid[i]].amax(0))
+        return (self._HEADROOM * peak).reshape(-1, 3)
+
+    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+        """See ColumnSource."""
+        return self._peaks[material], above_horizon().reshape(N_CELLS)
+
+    def row(self, i: int) -> Tensor:
+        """See ColumnSource."""
+        theta_h = float(cell_centres()[0][i])
+        return expand_row(self.parameters, theta_h).double()
+
+
+def _extent(table: MerlTable) -> tuple[Tensor, Tensor]:
+    return table.values[table.valid].amax(0), table.valid.reshape(N_CELLS)

@@ -1,0 +1,184 @@
+"""The material library: names, and the columns of B [CBP21, eq. 1]."""
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf.column_sources import ROW_CELLS, MerlSource, ParameterSource, TableSource
+from torchbrdf.brdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
+from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
+from torchbrdf.files import cache_folder
+
+MIN_MATERIALS = 8
+"""The fewest materials `from_merl` accepts: fewer span no space of BRDFs."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MaterialLibrary:
+    """m measured materials as n = 3 m basis BRDFs, one a colour channel.
+
+    stored     the columns of all materials in the cache
+    materials  which of them belong to this library, in order
+    """
+
+    stored: StoredColumns
+    materials: tuple[int, ...]
+
+    @classmethod
+    def default(cls, progress: bool = True) -> "MaterialLibrary":
+        """The embedded library of 100 materials: analytic parameters, expanded into a cache on first use."""
+        folder = cache_folder() / "libraries" / "default"
+        return cls._whole(open_or_build(ParameterSource(), folder, progress))
+
+    @classmethod
+    def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":
+        """The MERL `*.binary` files of a directory, at least 8, converted once to a cache that is memory-mapped after.
+
+        Raises FileNotFoundError or ValueError where the directory holds no materials or an unsound one.
+        """
+        source = MerlSource(directory)
+        if len(source.names) < MIN_MATERIALS:
+            raise ValueError(
+                f"{directory}: a library needs at least {MIN_MATERIALS} materials, found {len(source.names)}; "
+                "add MERL *.binary files"
+            )
+        resolved = Path(directory).resolve()
+        key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
+        folder = cache_folder() / "libraries" / f"{resolved.name}-{key}"
+        return cls._whole(open_or_build(source, folder, progress))
+
+    @classmethod
+    def from_tables(cls, tables: Sequence[MerlTable]) -> "MaterialLibrary":
+        """A library of tables in memory (9 MB a material)."""
+        if not tables:
+            raise ValueError("a library needs at least one table, got none")
+        return cls._whole(build_in_memory(TableSource(tables)))
+
+    @classmethod
+    def _whole(cls, stored: StoredColumns) -> "MaterialLibrary":
+        _check_different(stored.names)
+        return cls(stored, tuple(range(len(stored.names))))
+
+    def __repr__(self) -> str:
+        """Size and first names."""
+        names = ", ".join(self.names[:3]) + (", ..." if len(self) > 3 else "")
+        return f"MaterialLibrary({len(self)} materials, n = {self.n}: {names})"
+
+    def __len__(self) -> int:
+        """The number of materials m."""
+        return len(self.materials)
+
+    @property
+    def n(self) -> int:
+        """The number of basis BRDFs, 3 a material."""
+        return 3 * len(self.materials)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The materials, in the order of the columns."""
+        return tuple(self.stored.names[i] for i in self.materials)
+
+    @property
+    def source(self) -> str:
+        """sha256 of the stored columns: libraries that share it differ at most in which materials they use."""
+        return self.stored.fingerprint
+
+    @property
+    def column_index(self) -> Tensor:
+        """(n,) int64: this library's columns among the stored ones."""
+        return columns_of(self.materials)
+
+    @property
+    def gram(self) -> Tensor:
+        """(n, n) float64: B^T B over the cells measured in every stored material."""
+        return self.stored.gram[self.column_index][:, self.column_index]
+
+    def position(self, name: str) -> int:
+        """Where a material stands among the names. Raises ValueError with the closest names."""
+        import difflib
+
+        if name in self.names:
+            return self.names.index(name)
+        close = difflib.get_close_matches(name, self.names) or self.names[:3]
+        raise ValueError(f"no material {name!r} in this library of {len(self)}; did you mean {', '.join(close)}?")
+
+    def to(self, device: torch.device | str) -> "MaterialLibrary":
+        """The library with its columns on another device (9 MB a material), where `render_basis` then runs."""
+        return replace(self, stored=replace(self.stored, columns=self.stored.columns.to(device), mapping=None))
+
+    def without(self, *names: str) -> "MaterialLibrary":
+        """The library less some materials (leave-one-out); shares the cache."""
+        dropped = {self.position(name) for name in names}
+        return self.subset([name for i, name in enumerate(self.names) if i not in dropped])
+
+    def subset(self, names: Sequence[str]) -> "MaterialLibrary":
+        """The library of some materials only, in the order given; shares the cache."""
+        if not names:
+            raise ValueError("a library needs at least one material, got none")
+        _check_different(names)
+        return replace(self, materials=tuple(self.materials[self.position(name)] for name in names))
+
+    def table(self, name: str) -> MerlTable:
+        """One material as a table (float16 precision, relative 4.9e-4)."""
+        material = self.materials[self.position(name)]
+        columns = slice(3 * material, 3 * material + 3)
+        values = self.stored.columns[:, columns].cpu().double() * self.stored.scale[columns]
+        return MerlTable(values.reshape(*GRID, 3), self._valid(material), name)
+
+    def combine(self, weights: Tensor, name: str = "combination") -> MerlTable:
+        """The table rho = B w [CBP21, eq. 1], cells below zero set to zero.
+
+        weights  (n, 3)  one column a colour channel of the result
+        A cell counts as measured where every material with a weight measured it.
+        """
+        if weights.shape != (self.n, 3):
+            raise ValueError(f"weights must be ({self.n}, 3) for this library, got {tuple(weights.shape)}")
+        weights = weights.detach().cpu().double()
+        used = torch.nonzero(weights.abs().sum(1)).ravel()
+        columns = self.column_index[used]
+        device = self.stored.columns.device
+        scaled = (weights[used] * self.stored.scale[columns, None]).to(device, torch.float32)
+        whole = len(columns) > self.stored.columns.shape[1] // 4
+        values = torch.empty(N_CELLS, 3, dtype=torch.float64)
+        for start in range(0, N_CELLS, ROW_CELLS):
+            row = self.stored.columns[start : start + ROW_CELLS]
+            block = row.float()[:, columns] if whole else row[:, columns].float()
+            values[start : start + ROW_CELLS] = block @ scaled
+        valid = torch.ones(GRID, dtype=torch.bool)
+        for material in {self.materials[int(i) // 3] for i in used}:
+            valid &= self._valid(material)
+        return MerlTable(values.clamp_min_(0).reshape(*GRID, 3), valid, name)
+
+    def rows(self, cells: Tensor | slice) -> Tensor:
+        """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured."""
+        columns = self.column_index
+        scale = self.stored.scale[columns].to(self.stored.columns.device, torch.float32)
+        return self.stored.columns[cells].float()[:, columns] * scale
+
+    def map_rows(self, function: Callable[[Tensor], Tensor]) -> Tensor:
+        """(90, 90, 180, 3) float32: what a function of the rows of B gives in every cell, a block of cells at a time.
+
+        function  rows (N, n), see `rows` -> (N, 3)
+        Cells below the horizon, which nothing can measure, are 0.
+        """
+        values, lit = torch.zeros(N_CELLS, 3), above_horizon().ravel()
+        for start in range(0, N_CELLS, ROW_CELLS):
+            cells = start + torch.nonzero(lit[start : start + ROW_CELLS]).ravel()
+            values[cells] = function(self.rows(cells)).to(values)
+        return values.reshape(*GRID, 3)
+
+    def _valid(self, material: int) -> Tensor:
+        bits = np.unpackbits(self.stored.valid[material].numpy())
+        return torch.from_numpy(bits.view(bool)).reshape(GRID)
+
+
+def _check_different(names: Sequence[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"materials must have different names; twice or more: {', '.join(twice)}")

@@ -1,0 +1,213 @@
+"""The measured table of one material: MERL's file format, grid, validity and lookup [MPBM03].
+
+A table holds f_r in 1/sr (cosine not included) on 90 x 90 x 180 cells of theta_h, theta_d, phi_d, with theta_h
+warped by a square root. phi_d covers [0, pi): reciprocity is phi_d -> phi_d + pi.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import pi
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf.directions import from_half_difference, half_difference
+from torchbrdf.files import writing
+
+GRID = (90, 90, 180)
+"""Cells in theta_h, theta_d and phi_d, in file order (phi_d fastest)."""
+
+N_CELLS = GRID[0] * GRID[1] * GRID[2]
+CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
+"""A MERL file stores f_r / CHANNEL_SCALE for R, G and B."""
+
+_HEADER_BYTES = 12
+FILE_BYTES = _HEADER_BYTES + 3 * N_CELLS * 8
+Interpolation = Literal["nearest", "linear"]
+
+
+def cell_centres(dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor, Tensor]:
+    """theta_h (90, 1, 1), theta_d (90, 1), phi_d (180,) in radians at the centres of the cells."""
+    theta_h = ((torch.arange(GRID[0], dtype=dtype) + 0.5) / GRID[0]) ** 2 * (pi / 2)
+    theta_d = (torch.arange(GRID[1], dtype=dtype) + 0.5) / GRID[1] * (pi / 2)
+    phi_d = (torch.arange(GRID[2], dtype=dtype) + 0.5) / GRID[2] * pi
+    return theta_h[:, None, None], theta_d[:, None], phi_d
+
+
+@lru_cache(maxsize=1)
+def above_horizon() -> Tensor:
+    """(90, 90, 180) bool: cells at whose centre both directions lie above the horizon (75 % of them)."""
+    w_i, w_o = from_half_difference(*cell_centres())
+    return (w_i[..., 2] > 0) & (w_o[..., 2] > 0)
+
+
+def grid_coordinates(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Angles as coordinates in units of cells: cell i covers [i, i + 1). phi_d is reduced modulo pi."""
+    return (
+        torch.sqrt(theta_h * (2 / pi)) * GRID[0],
+        theta_d * (GRID[1] * 2 / pi),
+        torch.remainder(phi_d, pi) * (GRID[2] / pi),
+    )
+
+
+def cell_index(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> Tensor:
+    """Flat index, int32, of the cell that holds each angle triple, in file order."""
+    coordinates = zip(grid_coordinates(theta_h, theta_d, phi_d), GRID, strict=True)
+    h, d, p = (c.to(torch.int32).clamp_(0, n - 1) for c, n in coordinates)
+    return (h * GRID[1] + d) * GRID[2] + p
+
+
+@lru_cache(maxsize=4)
+def _nearest_measured(valid: bytes) -> Tensor:
+    """For every cell the flat index of the nearest measured one, in units of cells, phi_d periodic."""
+    from scipy.ndimage import distance_transform_edt
+
+    mask = np.frombuffer(valid, dtype=bool).reshape(GRID)
+    half = GRID[2] // 2
+    wrapped = np.concatenate([mask[..., -half:], mask, mask[..., :half]], axis=-1)
+    h, d, p = distance_transform_edt(~wrapped, return_distances=False, return_indices=True)[..., half:-half]
+    return torch.from_numpy(((h * GRID[1] + d) * GRID[2] + (p - half) % GRID[2]).ravel())
+
+
+def nearest_measured(valid: Tensor) -> Tensor:
+    """(N_CELLS,) int64: what to read in place of each cell so that unmeasured ones take their nearest neighbour."""
+    return _nearest_measured(valid.cpu().contiguous().numpy().tobytes())
+
+
+@dataclass(frozen=True, eq=False)
+class MerlTable:
+    """One RGB BRDF on the MERL grid.
+
+    values  (90, 90, 180, 3)  f_r in 1/sr; meaningless where not valid
+    valid   (90, 90, 180)     bool, True where measured
+    name    str               the material
+    """
+
+    values: Tensor
+    valid: Tensor
+    name: str = "unnamed"
+
+    def __post_init__(self) -> None:
+        """Check the shapes; mark cells below the horizon as not measured."""
+        if self.values.shape != (*GRID, 3) or self.valid.shape != GRID:
+            raise ValueError(
+                f"a MERL table needs values {(*GRID, 3)} and valid {GRID}, "
+                f"got {tuple(self.values.shape)} and {tuple(self.valid.shape)}"
+            )
+        object.__setattr__(self, "valid", self.valid.bool() & above_horizon().to(self.valid.device))
+        if not self.valid.any():
+            raise ValueError(f"{self.name}: the table has no measured cell: all are negative or below the horizon")
+        unsound = int((~torch.isfinite(self.values)).any(-1).logical_and(self.valid).sum())
+        if unsound:
+            raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite")
+
+    def __repr__(self) -> str:
+        """Name, share of measured cells and range."""
+        measured = self.values[self.valid]
+        return (
+            f"MerlTable({self.name!r}, measured {self.valid.double().mean():.1%}, "
+            f"f_r {measured.min():.3g} to {measured.max():.3g} 1/sr)"
+        )
+
+    @property
+    def measured_share(self) -> float:
+        """Share of the cells above the horizon that were measured."""
+        return float(self.valid.sum() / above_horizon().sum())
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> "MerlTable":
+        """Read a MERL `.binary` file.
+
+        Raises ValueError where the header is not 90, 90, 180, the length does not fit, or a value is NaN.
+        """
+        path = Path(path)
+        check_file(path)
+        stored = read_planes(path).T.reshape(*GRID, 3)
+        values = torch.from_numpy(stored * np.array(CHANNEL_SCALE))
+        try:
+            return cls(values, torch.from_numpy((stored >= 0).all(-1) | np.isnan(stored).any(-1)), path.stem)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_function(cls, f_r: Callable[[Tensor, Tensor], Tensor], name: str = "unnamed") -> "MerlTable":
+        """Tabulate f_r(w_i, w_o) -> (..., 3) at the centres of the cells above the horizon."""
+        valid = above_horizon()
+        w_i, w_o = from_half_difference(*cell_centres())
+        values = torch.zeros(*GRID, 3, dtype=torch.float64)
+        values[valid] = f_r(w_i[valid], w_o[valid]).to(torch.float64)
+        return cls(values, valid, name)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a MERL `.binary`; cells that were not measured become -1, negative measured ones 0."""
+        scaled = self.values.detach().cpu().double() / torch.tensor(CHANNEL_SCALE, dtype=torch.float64)
+        stored = torch.where(self.valid.cpu()[..., None], scaled.clamp_min(0), -1.0)
+        with writing(path) as temporary, open(temporary, "wb") as file:
+            np.array(GRID, "<i4").tofile(file)
+            np.ascontiguousarray(stored.reshape(N_CELLS, 3).T.numpy(), "<f8").tofile(file)
+
+    @cached_property
+    def filled(self) -> Tensor:
+        """(N_CELLS, 3) values with each unmeasured cell replaced by its nearest measured one."""
+        return self.values.reshape(N_CELLS, 3)[nearest_measured(self.valid).to(self.values.device)]
+
+    def lookup(self, w_i: Tensor, w_o: Tensor, interpolation: Interpolation = "nearest") -> Tensor:
+        """f_r of direction pairs; 0 where a direction lies below the horizon.
+
+        w_i, w_o       (..., 3)  unit vectors in the local frame (normal +Z)
+        interpolation  "nearest" cell, as MERL's own code, or "linear" in the three warped coordinates
+        returns        (..., 3)  1/sr, in the precision of w_i
+        """
+        w_i, w_o = torch.broadcast_tensors(w_i, w_o)
+        angles = half_difference(w_i, w_o)
+        if interpolation == "nearest":
+            f_r = self.filled[cell_index(*angles).long()]
+        elif interpolation == "linear":
+            f_r = self._trilinear(*grid_coordinates(*angles))
+        else:
+            raise ValueError(f'interpolation must be "nearest" or "linear", got {interpolation!r}')
+        visible = (w_i[..., 2] > 0) & (w_o[..., 2] > 0)
+        return torch.where(visible[..., None], f_r, 0).to(w_i.dtype)
+
+    def _trilinear(self, h: Tensor, d: Tensor, p: Tensor) -> Tensor:
+        lower = [torch.floor(c - 0.5) for c in (h, d, p)]
+        fraction = [c - 0.5 - low for c, low in zip((h, d, p), lower, strict=True)]
+        total: Tensor | float = 0.0
+        for corner in range(8):
+            steps = [(corner >> axis) & 1 for axis in range(3)]
+            i_h = (lower[0].long() + steps[0]).clamp_(0, GRID[0] - 1)
+            i_d = (lower[1].long() + steps[1]).clamp_(0, GRID[1] - 1)
+            i_p = torch.remainder(lower[2].long() + steps[2], GRID[2])
+            weight = torch.ones_like(h)
+            for f, step in zip(fraction, steps, strict=True):
+                weight = weight * (f if step else 1 - f)
+            total = total + weight[..., None] * self.filled[(i_h * GRID[1] + i_d) * GRID[2] + i_p]
+        return torch.as_tensor(total)
+
+
+def check_file(path: Path) -> None:
+    """Raise where a path is not a whole MERL file; reads its header only, so a lying header allocates nothing."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; expected a MERL .binary table")
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        header = file.read(_HEADER_BYTES)
+    dimensions = tuple(np.frombuffer(header, "<i4").tolist()) if len(header) == _HEADER_BYTES else None
+    if dimensions != GRID:
+        raise ValueError(f"{path}: not a MERL table: the header must be {GRID}, got {dimensions or header!r}")
+    if size != FILE_BYTES:
+        state = "truncated" if size < FILE_BYTES else "oversized"
+        raise ValueError(f"{path}: {state} MERL table: expected {FILE_BYTES} bytes, got {size}")
+
+
+def read_planes(path: Path, first: int = 0, count: int = N_CELLS) -> np.ndarray:
+    """(3, count) float64 as stored: the cells from `first` on of the R, G and B planes of a checked file."""
+    planes = [
+        np.fromfile(path, "<f8", count, offset=_HEADER_BYTES + 8 * (channel * N_CELLS + first)) for channel in range(3)
+    ]
+    return np.stack(planes)

@@ -1,0 +1,45 @@
+"""What `torchbrdf analytic` prints of a fit, and the files beside that of the material."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from torchbrdf.analytic import AnalyticFit
+from torchbrdf.brdf import MerlTable
+from torchbrdf.commands._options import STD
+from torchbrdf.images import exposure_for, write_image
+from torchbrdf.light import LightProbe
+from torchbrdf.rendering import render_tables
+from torchbrdf.view import SphereView
+
+_SAMPLES = 1024
+"""Of a pixel of the preview, on average."""
+
+
+def write_preview(path: Path, table: MerlTable, fits: list[AnalyticFit], probe: LightProbe, size: int) -> None:
+    """Spheres side by side under a probe: the table, and each fit; a .png at the exposure of the table's highlight."""
+    view = SphereView(size)
+    pictures = render_tables([table, *(fit.table for fit in fits)], probe, view, _SAMPLES)
+    exposure = exposure_for(pictures[0], view.mask) if path.suffix.lower() == ".png" else 1.0
+    write_image(path, torch.cat(list(pictures), dim=-1) * exposure)
+
+
+def uncertainty_of(brdf: Path) -> Tensor | None:
+    """The standard deviation of every cell that `torchbrdf fit --uncertainty` left in a folder."""
+    if not (brdf / STD).is_file():
+        return None
+    print(f"cells weigh by their standard deviation in {brdf / STD}")
+    return MerlTable.open(brdf / STD).values.clamp_min(0)
+
+
+def print_fit(fit: AnalyticFit) -> None:
+    print(fit)
+    print(f"  {fit.iterations} iterations, {fit.evaluations} evaluations of the model, {fit.seconds:.1f} s")
+    for bound in fit.at_bounds:
+        print(f"  at a bound: {bound}")
+    sys.stdout.flush()
+    for warning in fit.warnings:
+        warnings.warn(f"{fit.name}, {fit.model}: {warning}", UserWarning, stacklevel=2)

@@ -1,0 +1,76 @@
+"""What several commands read: probes, libraries, views, tables, and messages that name the file."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from torchbrdf.brdf import MaterialLibrary, MerlTable
+from torchbrdf.images import read_image
+from torchbrdf.light import LightProbe
+from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
+
+RESULT = "brdf.binary"
+"""The table in a folder that `torchbrdf fit` writes."""
+
+_CAMERA = ("toward", "up", "target", "width")
+
+
+def open_probe(options: argparse.Namespace) -> LightProbe:
+    """The probe of `--probe`, `--probe-layout` and `--repair-probe`."""
+    if options.probe == "default":
+        return LightProbe.default()
+    return LightProbe.open(options.probe, layout=options.probe_layout, repair=options.repair_probe)
+
+
+def open_library(options: argparse.Namespace) -> MaterialLibrary:
+    """The library of `--library`, else the embedded one."""
+    return MaterialLibrary.default() if options.library is None else MaterialLibrary.from_merl(options.library)
+
+
+def open_view(options: argparse.Namespace, size: int) -> View:
+    """The view of `--view` and the camera's options.
+
+    size  pixels along a side; a normal map brings its own
+    """
+    path = Path(options.view)
+    if path.suffix.lower() in MESH_SUFFIXES:
+        given = {key: getattr(options, key) for key in _CAMERA if getattr(options, key) is not None}
+        return MeshView(path, size, Camera(**given, fov_deg=options.fov), shadows=not options.no_shadows)
+    for key in (*_CAMERA, "no_shadows"):
+        if getattr(options, key) not in (None, False):
+            raise ValueError(f"--{key.replace('_', '-')} is for a mesh, and --view is {options.view}")
+    if options.view == "sphere":
+        return SphereView(size, options.fov)
+    if options.fov is not None:
+        raise ValueError(f"--fov is for a sphere or a mesh, and --view is {options.view}")
+    with about(path):
+        return NormalMapView(read_image(path))
+
+
+def open_table(path: Path) -> MerlTable:
+    """A MERL table, or that in a folder that `torchbrdf fit` wrote."""
+    if not path.is_dir():
+        return MerlTable.open(path)
+    if not (path / RESULT).is_file():
+        raise FileNotFoundError(f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`")
+    return MerlTable.open(path / RESULT)
+
+
+def labels(paths: list[Path]) -> list[str]:
+    """Short names of tables; where two agree, those are the paths as given; where those agree too, they are counted."""
+    names = [path.resolve().name if path.is_dir() else path.stem for path in paths]
+    names = [str(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+    return [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
+    ]
+
+
+@contextmanager
+def about(path: Path) -> Iterator[None]:
+    """Put the file's name before the message of a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        message = str(error)
+        raise ValueError(message if str(path) in message else f"{path}: {message}") from None

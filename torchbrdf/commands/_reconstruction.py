@@ -1,0 +1,133 @@
+"""A photograph becomes a table: what `fit`, `live` and `demo` share."""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from torchbrdf.brdf import MaterialLibrary, MerlTable
+from torchbrdf.commands._inputs import RESULT, about, open_view
+from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, Constraint, MaterialClasses, Penalty, Reconstruction
+from torchbrdf.files import writing
+from torchbrdf.images import read_image, read_mask, write_image
+from torchbrdf.light import LightProbe
+from torchbrdf.photograph import LARGEST_DEFAULT_SIZE, Circle, Observation, find_circle, observe, observe_view
+from torchbrdf.rendering import render_basis
+from torchbrdf.report import Subject, write_report
+from torchbrdf.transport import BasisImages
+from torchbrdf.view import SphereView, View
+
+
+def read_observation(options: argparse.Namespace, size: int | None) -> tuple[Observation, View]:
+    """The photograph, its mask and circle, resampled to `size`, and the shape that it shows."""
+    photograph = read_image(options.photo, allow_ldr=options.allow_ldr)
+    mask = None if options.mask is None else read_mask(options.mask)
+    if options.view != "sphere":
+        if options.circle is not None:
+            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
+        view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.shape[-1]))
+        with about(options.photo):
+            return observe_view(photograph, view, mask), view
+    with about(options.mask or options.photo):
+        circle = find_circle((photograph.shape[-2], photograph.shape[-1]), mask)
+    if options.circle is not None:
+        circle = Circle(*options.circle)
+    with about(options.photo):
+        observation = observe(photograph, circle, mask, size)
+    return observation, open_view(options, observation.image.shape[-1])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """An observation and what came of it."""
+
+    observation: Observation
+    view: View
+    basis: BasisImages
+    classes: MaterialClasses
+    estimator: BRDFEstimator
+    result: Reconstruction
+    table: MerlTable
+
+    @property
+    def image(self) -> Tensor:
+        """(3, H, W): the photograph as the weights explain it."""
+        image = self.result.image
+        return image[0] if isinstance(image, tuple) else image
+
+
+def fit(
+    observation: Observation,
+    probe: LightProbe,
+    library: MaterialLibrary,
+    penalty: Penalty = DEFAULT_PENALTY,
+    view: View | None = None,
+    basis: BasisImages | None = None,
+    constraint: Constraint | None = None,
+    robust: bool = False,
+) -> Fit:
+    """Render the basis, solve, and expand the table.
+
+    penalty, constraint, robust  as `BRDFEstimator` takes them
+    view   default: an orthographic sphere
+    basis  rendered before, with this library, probe and view
+    """
+    view = view or SphereView(observation.image.shape[-1])
+    basis = basis or render_basis(library, probe, view, progress=True)
+    classes = MaterialClasses.fit(library)
+    estimator = BRDFEstimator(basis, classes, penalty, constraint=constraint, library=library, robust=robust)
+    result = estimator(observation.image, observation.mask)
+    return Fit(observation, view, basis, classes, estimator, result, result.brdf(library))
+
+
+def write_results(
+    folder: Path, fitted: Fit, probe: LightProbe, library: MaterialLibrary, settings: dict[str, str]
+) -> None:
+    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder."""
+    fitted.table.save(folder / RESULT)
+    write_image(folder / "fitted.exr", fitted.image)
+    with writing(folder / "weights.json") as path:
+        path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")
+    seen = fitted.observation
+    subject = Subject(seen.image, seen.mask, fitted.result, fitted.basis, library, probe, fitted.view)
+    description = settings | {
+        "penalty": str(fitted.estimator.penalty),
+        "constraint": str(fitted.estimator.constraint or "none"),
+        "outliers": "left out" if fitted.estimator.robust else "used",
+        "classes": f"{fitted.classes.sizes} basis BRDFs",
+    }
+    observability = fitted.estimator.observability(library)
+    write_report(folder / "report.html", subject, description, observability=observability)
+
+
+def weights_record(fitted: Fit) -> dict[str, object]:
+    """weights.json: the settings, and the three weights (R, G and B of the result) of every basis BRDF used."""
+    weights = fitted.result.weights
+    used = weights.abs().sum(1).nonzero().ravel().tolist()
+    names = fitted.result.names
+    return {
+        "class": int(fitted.result.class_index),
+        "class_probabilities": fitted.result.class_probabilities.tolist(),
+        "class_errors": fitted.result.class_errors.tolist(),
+        "relative_error": float(fitted.result.relative_error),
+        "penalty": fitted.estimator.penalty,
+        "constraint": fitted.estimator.constraint,
+        "robust": fitted.estimator.robust,
+        "library": fitted.result.library,
+        "normal_coverage": fitted.basis.normal_coverage,
+        "weights": [{"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used],
+    }
+
+
+def summary(fitted: Fit) -> str:
+    """One line on what was found."""
+    result = fitted.result
+    j = int(result.class_index)
+    if result.posteriors is None:
+        what = f"class {j} of {fitted.classes.n_classes} ({fitted.classes.sizes[j]} basis BRDFs)"
+    else:
+        n_classes, probability = fitted.classes.n_classes, float(result.class_probabilities[j])
+        what = f"most probable of {n_classes} classes: {j} ({fitted.classes.sizes[j]} basis BRDFs), {probability:.0%}"
+    return f"{what}; relative error on the photograph {float(result.relative_error):.2%}"

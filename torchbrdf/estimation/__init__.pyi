@@ -1,0 +1,31 @@
+from .classes import MaterialClasses as MaterialClasses
+from .energy_bounds import albedo_rule as albedo_rule
+from .estimator import BRDFEstimator as BRDFEstimator
+from .image_space import (
+    ImageSpace as ImageSpace,
+    residual_scale as residual_scale,
+)
+from .masked_photographs import check_observation as check_observation
+from .observability import (
+    PHI_D as PHI_D,
+    Observability as Observability,
+)
+from .posterior import Posterior as Posterior
+from .priors import (
+    Explanation as Explanation,
+    PriorBank as PriorBank,
+    farthest_points as farthest_points,
+    image_angles as image_angles,
+    prior_variances as prior_variances,
+    redundancy as redundancy,
+)
+from .reconstruction import Reconstruction as Reconstruction
+from .settings import (
+    CONSTRAINTS as CONSTRAINTS,
+    DEFAULT_PENALTY as DEFAULT_PENALTY,
+    N_CLASSES as N_CLASSES,
+    N_DIMS as N_DIMS,
+    PAPER_PENALTY as PAPER_PENALTY,
+    Constraint as Constraint,
+    Penalty as Penalty,
+)

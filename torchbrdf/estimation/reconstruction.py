@@ -1,0 +1,130 @@
+"""What the estimator found: weights, the class that won, and every class's candidate."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf import MaterialLibrary, MerlTable, above_horizon
+from torchbrdf.estimation.posterior import Posterior, PosteriorBatch
+from torchbrdf.transport import BasisImages
+
+_SAMPLED = 61
+"""One cell in so many tells which directions of the weights matter to all cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Reconstructions of a batch of photographs; every tensor starts with the batch axes.
+
+    weights        (*batch, n, 3)     rho = B w, one column a colour channel [CBP21, eq. 1]
+    class_weights  (*batch, K, n, 3)  the candidate of every class, 0 for basis BRDFs of other classes
+    class_errors   (*batch, K)        |Y w - y|^2 of every candidate over the pixels used [CBP21, eq. 19]
+    class_probabilities (*batch, K)   of the classes, given that the material is of one of them; with a fixed penalty,
+                                      which has no probabilities, 1 for the class that was chosen
+    class_index    (*batch)           int64, the most probable class
+    error          (*batch)           |Y w - y|^2 of the weights
+    energy         (*batch)           |y|^2 over the pixels used
+    image          (*batch, 3, H, W)  Y w: the photograph as the weights explain it; a tuple of them for several
+                                      photographs of one material
+    names          the materials behind the n = 3 len(names) weights
+    library        fingerprint of their columns
+    posteriors     what the photographs leave open, see `posterior`; None with a fixed penalty
+    optimality     (*batch, 3)        residual of the constrained solve; None without a constraint
+
+    With a fixed penalty the weights are those of the chosen class; with penalty="auto" they are the posterior mean over
+    classes, the whole library and neighbourhoods in it.
+    """
+
+    weights: Tensor
+    class_weights: Tensor
+    class_errors: Tensor
+    class_probabilities: Tensor
+    class_index: Tensor
+    error: Tensor
+    energy: Tensor
+    image: Tensor | tuple[Tensor, ...]
+    names: tuple[str, ...]
+    library: str
+    posteriors: PosteriorBatch | None = None
+    optimality: Tensor | None = None
+
+    @property
+    def relative_error(self) -> Tensor:
+        """(*batch): |Y w - y| / |y|. Small does not mean right: see `class_errors`, `posterior`."""
+        share = self.error / self.energy
+        return torch.where(share > 0, torch.where(share > 0, share, 1).sqrt(), 0)  # no gradient from a residual of 0
+
+    def __len__(self) -> int:
+        """The size of the first batch axis."""
+        if self.class_index.ndim == 0:
+            raise TypeError("a single reconstruction has no length")
+        return len(self.class_index)
+
+    def __getitem__(self, i: int) -> "Reconstruction":
+        """One reconstruction of a batch."""
+        if self.class_index.ndim == 0:
+            raise IndexError("this is a single reconstruction; it has no batch axis to index")
+        tensors = ("weights", "class_weights", "class_errors", "class_probabilities", "class_index", "error", "energy")
+        image = tuple(one[i] for one in self.image) if isinstance(self.image, tuple) else self.image[i]
+        return replace(
+            self,
+            **{name: getattr(self, name)[i] for name in tensors},
+            image=image,
+            posteriors=None if self.posteriors is None else self.posteriors[i],
+            optimality=None if self.optimality is None else self.optimality[i],
+        )
+
+    def candidate(self, j: int, library: MaterialLibrary) -> MerlTable:
+        """The BRDF that class j would give; see `brdf`."""
+        self._check(library)
+        return library.combine(self.class_weights[j], f"class {j}")
+
+    def brdf(self, library: MaterialLibrary) -> MerlTable:
+        """The full table rho = B w, cells below zero set to zero.
+
+        Raises ValueError for a batch (pick one with result[i]) or another library than that of the basis images.
+        """
+        self._check(library)
+        return library.combine(self.weights, "reconstruction")
+
+    def image_std(self, basis: BasisImages) -> Tensor:
+        """(3, H, W): standard deviation of every pixel of the material rendered with basis images of any probe.
+
+        The pixel is within 1.645 of these of the rendering of `weights` with a probability of 90 %; see
+        docs/uncertainty.md for how often that held. 0 outside the mask.
+        """
+        if (basis.library, basis.names) != (self.library, self.names):
+            raise ValueError("these basis images show another library than those of the photograph")
+        return basis.unpack(self.posterior.std(basis.packed.permute(1, 2, 0)))
+
+    def brdf_std(self, library: MaterialLibrary) -> Tensor:
+        """(90, 90, 180, 3) float32: standard deviation of f_r in every cell of `brdf`, in 1/sr, 0 below the horizon."""
+        self._check(library)
+        posterior = self.posterior
+        some = torch.nonzero(above_horizon().ravel()).ravel()[::_SAMPLED]
+        factor = posterior.compressed(library.rows(some))
+        return library.map_rows(lambda rows: posterior.std(rows, factor).T)
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior of the weights, of a single reconstruction.
+
+        Raises ValueError for a batch, and with a fixed penalty, which has none.
+        """
+        self._single("posterior")
+        if self.posteriors is None:
+            raise ValueError('a fixed penalty has no posterior; make the estimator with penalty="auto"')
+        return self.posteriors.single
+
+    def _single(self, what: str) -> None:
+        if self.class_index.ndim:
+            raise ValueError(
+                f"{what} needs a single reconstruction, this holds a batch {tuple(self.class_index.shape)}; "
+                "pick one: result[i]"
+            )
+
+    def _check(self, library: MaterialLibrary) -> None:
+        self._single("brdf")
+        if (library.source, library.names) != (self.library, self.names):
+            raise ValueError("this library is not the one that the basis images were rendered with")

@@ -1,0 +1,16 @@
+from .latlong import (
+    area_mean as area_mean,
+    row_solid_angles as row_solid_angles,
+    texel_coordinates as texel_coordinates,
+)
+from .probe import LightProbe as LightProbe
+from .rotations import (
+    checked_rotation as checked_rotation,
+    rotation_of as rotation_of,
+    rotation_vector as rotation_vector,
+)
+from .settings import Layout as Layout
+from .strata import (
+    SIDE as SIDE,
+    LightStrata as LightStrata,
+)

@@ -1,0 +1,298 @@
+"""`LightProbe`: linear radiance from all directions, with rotation and importance sampling.
+
+Lat-long, +Y up, direction (sin phi sin theta, cos theta, -cos phi sin theta), texels as in Mitsuba 3's
+`envmap` (`torchbrdf.light.latlong`), so that a probe goes to both unchanged. Radiance between texels is bilinear.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import warnings
+from functools import cached_property
+from typing import get_args
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.images import luminance, read_image
+from torchbrdf.light._blur import blur
+from torchbrdf.light._procedural import studio_room
+from torchbrdf.light._sampling import ImportanceTables
+from torchbrdf.light.latlong import bilinear, fill_invalid, resize, rotate, row_solid_angles
+from torchbrdf.light.layouts import angular_map_to_latlong, mirror_ball_to_latlong, pixels_in_disc
+from torchbrdf.light.rotations import checked_rotation
+from torchbrdf.light.settings import Layout
+
+
+class LightProbe:
+    """An immutable light probe.
+
+    radiance   (3, H, 2 H) linear RGB, any real floating-point type; kept as float32, on its device, and
+               gradients flow back to it. Negative values are clamped to 0 with a warning
+    repair     fill texels that hold a NaN or an infinity from their valid neighbours (a hole closes from its
+               rim with means over 3 x 3 texels, across the seam in azimuth); without it they are an error
+    name       what messages and `repr` call it
+    raises     ValueError for another shape, invalid texels without `repair`, or a probe without energy
+    """
+
+    def __init__(
+        self, radiance: Tensor | np.ndarray, *, repair: bool = False, name: str = "light probe"
+    ) -> None:
+        """Check `radiance` and keep a copy of it."""
+        if isinstance(radiance, np.ndarray):
+            radiance = torch.tensor(radiance)
+        self._radiance = _checked(radiance, repair, name)
+        self._name = name
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        layout: Layout = "latlong",
+        repair: bool = False,
+        height: int | None = None,
+    ) -> LightProbe:
+        """Read a probe from an .exr or .hdr file.
+
+        layout     "latlong"; "angular" (Debevec's `*_probe`: the centre looks along -Z, the rim is +Z); or
+                   "mirror_ball" (photograph of a chrome sphere: the centre reflects +Z). The last two are
+                   square, tight around the disc
+        repair     as for the constructor
+        height     rows of the result, by area means; default: the file's for lat-long, half the size of the
+                   image else
+        raises     FileNotFoundError, ValueError
+        """
+        if layout not in get_args(Layout):
+            raise ValueError(f"layout must be one of {', '.join(get_args(Layout))}, got {layout!r}")
+        image = read_image(path)
+        name = f"light probe {os.fspath(path)}"
+        if layout == "latlong":
+            probe = cls(image, repair=repair, name=name)
+            return probe if height is None else probe.resized(height)
+        _, h, w = image.shape
+        if h != w or h < 4:
+            raise ValueError(f"{name} must be square for {layout=}, got {h} x {w}; crop it to the disc")
+        image = _checked_values(image, pixels_in_disc(h, layout).double(), repair, name)
+        convert = angular_map_to_latlong if layout == "angular" else mirror_ball_to_latlong
+        return cls(convert(image, _checked_height(h // 2 if height is None else height)), name=name)
+
+    @classmethod
+    def default(cls, height: int = 128) -> LightProbe:
+        """The procedural probe: a studio room over five decades of radiance, lit from all sides."""
+        return cls(studio_room(_checked_height(height)), name="default light probe")
+
+    @classmethod
+    def sky(
+        cls,
+        sun_elevation: float,
+        turbidity: float = 3.0,
+        *,
+        sun_azimuth: float = 135.0,
+        ground_albedo: float = 0.3,
+        sun: bool = True,
+        height: int = 256,
+    ) -> LightProbe:
+        """A clear sky with its sun, from Mitsuba's `sunsky`: the model of Hosek and Wilkie [HW12, HW13].
+
+        sun_elevation  degrees above the horizon, 0 to 90
+        turbidity      1 (clearest) to 10 (haze); 3 is a clear day in a temperate climate
+        sun_azimuth    phi of this class in degrees: the sun is in direction (sin phi cos e, sin e, -cos phi cos e).
+                       0 is -Z, behind the object; 90 is +X, at the right of the image; 180 is +Z, behind the camera.
+                       Default: behind the camera on the right
+        ground_albedo  0 to 1, of the ground as far as it brightens the sky. The ground itself is black
+        sun            whether the sun's disc is included; the glow around it always is
+        height         rows. The disc, 0.536 degrees wide, is spread over the texels that it meets, with its power
+        Radiance is in W / (m^2 sr nm), a mean over the visible spectrum: 1 is about 73,000 cd / m^2. Negative values,
+        of colours outside linear sRGB (very low suns), become 0. Raises ValueError for values out of range,
+        MitsubaUnavailableError (an ImportError) where Mitsuba cannot be loaded.
+        """
+        from torchbrdf.light._sky import sky_radiance
+
+        rows = _checked_height(height)
+        radiance = sky_radiance(sun_elevation, turbidity, sun_azimuth, ground_albedo, sun, rows)
+        return cls(radiance, name=f"sky with the sun at {sun_elevation:g} degrees, turbidity {turbidity:g}")
+
+    @property
+    def radiance(self) -> Tensor:
+        """(3, H, 2 H) float32; not to be written to."""
+        return self._radiance
+
+    @property
+    def name(self) -> str:
+        """What messages call it: from `open`, the file."""
+        return self._name
+
+    @property
+    def height(self) -> int:
+        """Rows of texels."""
+        return self._radiance.shape[1]
+
+    @property
+    def width(self) -> int:
+        """Columns of texels, twice the height."""
+        return self._radiance.shape[2]
+
+    @property
+    def device(self) -> torch.device:
+        """Where the radiance is."""
+        return self._radiance.device
+
+    @cached_property
+    def solid_angles(self) -> Tensor:
+        """(H, W) float64 in sr: the integral of each texel's bilinear hat; they sum to 4 pi.
+
+        sum(radiance * solid_angles) is the exact integral of the bilinear radiance over the sphere.
+        """
+        return row_solid_angles(self.height, self.width, self.device)[:, None].expand(self.height, self.width)
+
+    @cached_property
+    def total_power(self) -> Tensor:
+        """(3,) float64: the integral of the radiance over the sphere."""
+        return (self._radiance.double() * self.solid_angles).sum(dim=(1, 2))
+
+    @property
+    def mean_radiance(self) -> Tensor:
+        """(3,) float64: the mean of the radiance over the sphere."""
+        return self.total_power / (4 * math.pi)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the shape and the values, in hexadecimal: equal for equal probes, on any device."""
+        values = self._radiance.detach().cpu().contiguous().numpy().astype("<f4", copy=False)
+        return hashlib.sha256(f"{values.shape}".encode() + values.tobytes()).hexdigest()
+
+    def radiance_at(self, directions: Tensor) -> Tensor:
+        """Radiance (..., 3) from unit directions (..., 3): bilinear, differentiable in the radiance."""
+        _check_last(directions, 3, "directions")
+        return bilinear(self._radiance, directions)
+
+    def sample(self, u: Tensor) -> tuple[Tensor, Tensor]:
+        """Directions in proportion to the luminance, from points of the unit square.
+
+        u          (..., 2) in [0, 1)
+        returns    unit directions (..., 3) float32, and their density (...) in 1/sr, which is never 0.
+                   Texels without energy are never met. The map is continuous but for jumps between rows and
+                   columns, so stratified and quasi-random points keep their advantage
+        """
+        _check_last(u, 2, "u")
+        directions, pdf = self._importance.sample(u.reshape(-1, 2))
+        return directions.reshape(*u.shape[:-1], 3), pdf.reshape(u.shape[:-1])
+
+    def pdf(self, directions: Tensor) -> Tensor:
+        """The density (...) in 1/sr with which `sample` returns the unit directions (..., 3)."""
+        _check_last(directions, 3, "directions")
+        return self._importance.pdf(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
+
+    def rotated(self, rotation: Tensor | np.ndarray) -> LightProbe:
+        """The probe turned: radiance that came from d now comes from R d.
+
+        rotation   (3, 3), orthonormal with determinant +1
+        Resampled by area means of bilinear lookups, which soften edges by less than a texel and keep the
+        energy to 0.02 % (1 % where a few texels at a pole hold most of it: Grace Cathedral); a turn about +Y by
+        whole texels is exact.
+        """
+        return self._derived(rotate(self._radiance, checked_rotation(rotation)))
+
+    def scaled(self, factor: float) -> LightProbe:
+        """The probe with its radiance times `factor` > 0."""
+        if not (math.isfinite(factor) and factor > 0):
+            raise ValueError(f"scale of a light probe must be positive and finite, got {factor}")
+        return self._derived(self._radiance * factor)
+
+    def blurred(self, degrees: float) -> LightProbe:
+        """The probe out of focus: a Gaussian with this standard deviation >= 0 along any direction; keeps energy."""
+        if not (math.isfinite(degrees) and degrees >= 0):
+            raise ValueError(f"blur of a light probe must be at least 0 degrees and finite, got {degrees}")
+        return self._derived(blur(self._radiance, math.radians(degrees))) if degrees else self
+
+    def resized(self, height: int) -> LightProbe:
+        """The probe with another number of rows, by means over each new texel's footprint."""
+        if _checked_height(height) == self.height:
+            return self
+        return self._derived(resize(self._radiance, height))
+
+    def to(self, device: torch.device | str) -> LightProbe:
+        """The probe on another device."""
+        moved = self._radiance.to(device)
+        return self if moved is self._radiance else self._derived(moved)
+
+    def __repr__(self) -> str:
+        """Size, range and mean, for people."""
+        bright = luminance(self._radiance.detach())
+        positive = bright[bright > 0]
+        mean = float(luminance(self.mean_radiance.detach()))
+        device = "" if self.device.type == "cpu" else f", on {self.device}"
+        span = f"luminance {float(positive.min()):.3g} to {float(bright.max()):.4g}, mean {mean:.3g}"
+        return f"LightProbe({self._name!r}, {self.height} x {self.width}, {span}{device})"
+
+    @cached_property
+    def _importance(self) -> ImportanceTables:
+        return ImportanceTables.build(self._radiance)
+
+    def _derived(self, radiance: Tensor) -> LightProbe:
+        probe = object.__new__(LightProbe)
+        probe._radiance, probe._name = radiance, self._name
+        return probe
+
+
+def _checked(radiance: Tensor, repair: bool, name: str) -> Tensor:
+    if radiance.ndim != 3 or radiance.shape[0] != 3:
+        raise ValueError(f"{name} must be (3, H, W) linear RGB, got {tuple(radiance.shape)}")
+    _, h, w = radiance.shape
+    if w != 2 * h or h < 2:
+        raise ValueError(f"{name} must be lat-long (width = 2 x height), got {h} x {w}; "
+                         'for a mirror ball pass layout="mirror_ball"')
+    if not radiance.is_floating_point():
+        raise ValueError(f"{name} must hold linear floating-point radiance, got {radiance.dtype}")
+    weights = row_solid_angles(h, w, radiance.device)[:, None]
+    radiance = _checked_values(radiance.to(torch.float32, copy=True), weights, repair, name)
+    if not bool((radiance > 0).any()):
+        raise ValueError(f"{name} has no energy: every texel is 0; give a probe that emits light")
+    return radiance
+
+
+def _checked_values(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
+    """`radiance` without NaN, infinities or negative values.
+
+    weights    (H, W) or (H, 1): the texels' areas; texels of area 0 become 0 unseen
+    """
+    used = weights > 0
+    n_texels = int(used.expand(radiance.shape[1:]).sum())
+    invalid = used & ~torch.isfinite(radiance).all(dim=0)
+    n_invalid = int(invalid.sum())
+    if n_invalid == n_texels:
+        raise ValueError(f"{name} has no valid texel: all {n_texels} hold NaN or infinite values")
+    if n_invalid > 0 and not repair:
+        n_nan = int((used & torch.isnan(radiance).any(dim=0)).sum())
+        raise ValueError(f"{name} has {n_nan} NaN and {n_invalid - n_nan} infinite texels of {n_texels}; "
+                         "pass repair=True to fill them from their neighbours")
+    if n_invalid > 0:
+        radiance = fill_invalid(torch.where(used, radiance, math.nan))
+    radiance = torch.where(used, radiance, 0.0)
+    negative = radiance < 0
+    if bool(negative.any()):
+        energy = radiance.detach().double().abs() * weights
+        share = float((energy * negative).sum() / energy.sum())
+        warnings.warn(
+            f"{name} has {int(negative.sum())} negative values in {int(negative.any(dim=0).sum())} texels of "
+            f"{n_texels} ({100 * share:.2g} % of the energy, lowest {float(radiance.detach().min()):.3g}); "
+            "set to 0",
+            UserWarning,
+            stacklevel=4,
+        )
+        radiance = radiance.clamp_min(0.0)
+    return radiance
+
+
+def _checked_height(height: int) -> int:
+    if height < 2:
+        raise ValueError(f"height of a light probe must be at least 2, got {height}")
+    return height
+
+
+def _check_last(values: Tensor, size: int, what: str) -> None:
+    if values.ndim == 0 or values.shape[-1] != size:
+        raise ValueError(f"{what} must be (..., {size}), got {tuple(values.shape)}")

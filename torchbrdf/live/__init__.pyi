@@ -1,0 +1,5 @@
+from .relighting import Relighter as Relighter
+from .server import (
+    LiveServer as LiveServer,
+    listen as listen,
+)

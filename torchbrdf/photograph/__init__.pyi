@@ -1,0 +1,10 @@
+from .observation import (
+    LARGEST_DEFAULT_SIZE as LARGEST_DEFAULT_SIZE,
+    Observation as Observation,
+    observe as observe,
+    observe_view as observe_view,
+)
+from .silhouette import (
+    Circle as Circle,
+    find_circle as find_circle,
+)

@@ -1,0 +1,43 @@
+"""Basis images by the backend that suits the view [CBP21, eq. 5]."""
+
+from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.light import LightProbe
+from torchbrdf.mitsuba_backend import bake_basis
+from torchbrdf.transport import DEFAULT_SAMPLES, BasisImages, sampled_basis
+from torchbrdf.transport.harmonic import HarmonicBasis, is_precomputed, unsuited
+from torchbrdf.view import View
+
+
+def render_basis(
+    library: MaterialLibrary,
+    probe: LightProbe,
+    view: View,
+    backend: str = "auto",
+    samples: int | None = None,
+    seed: int = 0,
+    progress: bool = False,
+    adaptive: bool = True,
+) -> BasisImages:
+    """Images Y of every basis BRDF under a probe [CBP21, eq. 5].
+
+    backend   "sampled"; "harmonic", precomputed once per library, some twenty times as fast, for orthographic cameras
+              without shadows; "mitsuba", slower and independent, with an error estimate for every image
+              (`mitsuba_backend.bake_basis`). "auto" is "harmonic" where the library's transport has been precomputed
+              (`torchbrdf precompute`), the view allows it and no samples are given, else "sampled"
+    samples   a pixel, on average over the view, at least 2; None for 4096. Not for "harmonic"
+    adaptive  give the pixels that need it more samples than others; "sampled" only
+    They run on the device that holds the library's columns. Only pixels under the view's mask are computed and only
+    cells that samples touch are read. Raises ValueError for an unknown backend, too few samples, or a view that
+    "harmonic" cannot take.
+    """
+    if backend == "auto":
+        fast = samples is None and is_precomputed(library) and unsuited(view) is None
+        backend = "harmonic" if fast else "sampled"
+    if backend == "harmonic":
+        return HarmonicBasis(library, probe, view, progress).basis_at()
+    samples = DEFAULT_SAMPLES if samples is None else samples
+    if backend == "mitsuba":
+        return bake_basis(library, probe, view, samples, seed, progress)
+    if backend == "sampled":
+        return sampled_basis(library, probe, view, samples, seed, progress, adaptive)
+    raise ValueError(f'backend must be "auto", "sampled", "harmonic" or "mitsuba", got {backend!r}')

@@ -1,0 +1,16 @@
+from .comparison import Comparison as Comparison
+from .comparison_page import write_comparison as write_comparison
+from .evidence import Subject as Subject
+from .page import (
+    plate as plate,
+    source_hash as source_hash,
+)
+from .report import write_report as write_report
+from .settings import (
+    COMPARISON_SAMPLES as COMPARISON_SAMPLES,
+    COMPARISON_SIZE as COMPARISON_SIZE,
+)
+from .style import (
+    LIVE_STYLE as LIVE_STYLE,
+    STYLE as STYLE,
+)

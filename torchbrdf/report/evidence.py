@@ -1,0 +1,305 @@
+"""What a report shows, before it becomes a page: result and candidates, renderings, spreads, and the warnings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, pi, radians, sin
+
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf import MaterialLibrary, MerlTable
+from torchbrdf.estimation import Reconstruction
+from torchbrdf.images import relative_rms
+from torchbrdf.light import LightProbe
+from torchbrdf.rendering import render_directional, render_tables
+from torchbrdf.report._deviations import Spread, gather_spread
+from torchbrdf.transport import BasisImages
+from torchbrdf.view import SphereView, View
+
+LARGE_RESIDUAL = 0.05
+"""Relative error on the photograph above which the report warns."""
+
+SMALL_MARGIN = 1.1
+"""With a fixed penalty the report warns where the second best class leaves less than this times the best's residual."""
+
+SMALL_PROBABILITY = 0.5
+"""With probabilities the report warns where that of the most probable class is below this, so that the others together
+are more probable: three in ten of the measured photographs of docs/accuracy.md."""
+
+LARGE_SPREAD = 0.25
+"""Relative standard deviation of the picture under another light above which the report warns: one in twenty there."""
+
+OSCILLATION = 30.0
+"""The report warns where sum |w| exceeds this times |sum w|: large weights of both signs cancel each other.
+
+On real materials lambda = 0.5 stays near 3, lambda = 0.005 below 30, and least squares exceeds 100.
+"""
+
+LARGE_CLAMPED_SHARE = 0.02
+"""Share of values set to zero above which the report warns."""
+
+DIRECTIONAL_ANGLES = (0.0, 136.0)
+"""The two directional lights of [CBP21, fig. 2], in degrees about +Y from the camera."""
+
+TURN_DEG = 120.0
+"""How far the photograph's own probe is turned about +Y."""
+
+_MAX_PROBE_HEIGHT = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a report is about: a reconstruction and what it was made from.
+
+    photograph   (3, H, W)  linear radiance, as given to the estimator
+    mask         (1, H, W)  bool, the pixels that were used
+    result       the reconstruction, a single one
+    basis, library, probe, view  what it was made with
+    Raises ValueError where these do not belong together.
+    """
+
+    photograph: Tensor
+    mask: Tensor
+    result: Reconstruction
+    basis: BasisImages
+    library: MaterialLibrary
+    probe: LightProbe
+    view: View
+
+    def __post_init__(self) -> None:
+        """Check that the parts belong together."""
+        photograph, mask, result = self.photograph, self.mask, self.result
+        basis, library = self.basis, self.library
+        if result.class_index.ndim:
+            raise ValueError("a report needs a single reconstruction, this holds a batch; pick one: result[i]")
+        if photograph.shape != (shape := (3, *basis.size)):
+            raise ValueError(f"photograph must be {shape} like the basis images, got {tuple(photograph.shape)}")
+        if mask.shape != (shape := (1, *basis.size)) or mask.dtype != torch.bool:
+            raise ValueError(f"mask must be bool {shape}, got {mask.dtype} {tuple(mask.shape)}")
+        if (basis.library, basis.names) != (result.library, result.names):
+            raise ValueError("the basis images are not those of this reconstruction: another library")
+        if (library.source, library.names) != (result.library, result.names):
+            raise ValueError("this library is not the one of the reconstruction")
+        if basis.probe != self.probe.fingerprint:
+            raise ValueError("the basis images were rendered with another light probe")
+        if basis.view != self.view.fingerprint:
+            raise ValueError("the basis images were rendered with another view")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What one class makes of the photograph, or the result itself.
+
+    index     the class; None for a result that is none of the classes' candidates
+    probability  of the class; None for such a result, and with a fixed penalty, which has no probabilities
+    members   basis BRDFs with a weight
+    leading   the materials of largest weight, most important first
+    error     |Y w - y| / |y| over the pixels used
+    fitted    (3, H, W)  Y w
+    table     the BRDF
+    clamped   share of measured values at zero, where B w <= 0
+    novel     (3, N, N)  under another light, see `other_light`
+    frontal   (3, M, M)  under a directional light from the camera
+    """
+
+    index: int | None
+    probability: float | None
+    members: int
+    leading: tuple[str, ...]
+    error: float
+    fitted: Tensor
+    table: MerlTable
+    clamped: float
+    novel: Tensor
+    frontal: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything that the report of one reconstruction shows.
+
+    used         (1, H, W) bool  pixels of the photograph that count
+    found        the result: the average over the priors, or with a fixed penalty the candidate of the best class
+    candidates   one a class, in order; chosen is the index of the best
+    weights      (n, 3) float64  of the result
+    names        the materials behind them
+    channel_errors  |Y w - y| / |y| for R, G, B of the result; NaN where a channel is black
+    turned       (3, N, N)  the result under the photograph's probe turned by TURN_DEG
+    directional  angle -> (3, M, M)  the result under directional lights, irradiance pi
+    probes       the photograph's probe, another (`other_light`), its own turned
+    distrust     why the shape tells too little (`BasisImages.distrust`), or None
+    spread       None with a fixed penalty, which has no posterior
+    """
+
+    photograph: Tensor
+    used: Tensor
+    found: Candidate
+    candidates: tuple[Candidate, ...]
+    chosen: int
+    weights: Tensor
+    names: tuple[str, ...]
+    channel_errors: tuple[float, ...]
+    turned: Tensor
+    directional: dict[float, Tensor]
+    probes: tuple[LightProbe, LightProbe, LightProbe]
+    distrust: str | None = None
+    spread: Spread | None = None
+
+    @property
+    def averaged(self) -> bool:
+        """Whether the result is an average over classes and other priors, and not one class's candidate."""
+        return self.found.index is None
+
+    @property
+    def best(self) -> Candidate:
+        """The candidate of the best class: the most probable; with a fixed penalty that of smallest error."""
+        return self.candidates[self.chosen]
+
+    @cached_property
+    def runner_up(self) -> Candidate | None:
+        """The second best class; None where there is only one."""
+        others = [candidate for candidate in self.candidates if candidate.index != self.chosen]
+        return min(others, key=lambda other: (-(other.probability or 0.0), other.error)) if others else None
+
+    @property
+    def margin(self) -> float:
+        """The runner-up's error over that of the best; infinite without a runner-up or without a residual."""
+        if self.runner_up is None or self.best.error == 0:
+            return float("inf")
+        return self.runner_up.error / self.best.error
+
+    @property
+    def oscillation(self) -> float:
+        """sum |w| / |sum w|, both added up over the channels: the sum of one channel alone may pass through 0."""
+        return float(self.weights.abs().sum() / self.weights.sum(0).abs().sum().clamp_min(1e-12))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader should know before trusting the result, a sentence or two each."""
+        found = [] if self.distrust is None else [f"{self.distrust[0].upper()}{self.distrust[1:]}."]
+        if self.found.error > LARGE_RESIDUAL:
+            found.append(
+                f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe "
+                "may be turned or scaled against the photograph, the photograph may hold clipped highlights, shadows "
+                "or reflections of things near by, or the library lacks this kind of material."
+            )
+        second = self.runner_up
+        if second is not None and self.best.probability is not None and self.best.probability < SMALL_PROBABILITY:
+            found.append(
+                f"The photograph does not tell the class: class {self.chosen} has a probability of "
+                f"{self.best.probability:.0%}, class {second.index} of {second.probability:.0%}. The result lies "
+                "between them. Compare the two below."
+            )
+        elif second is not None and self.best.probability is None and self.margin < SMALL_MARGIN:
+            found.append(
+                f"Class {second.index} fits almost as well as class {self.chosen} "
+                f"({second.error:.2%} against {self.best.error:.2%}): the choice could have gone the other "
+                "way. Compare the two below."
+            )
+        if self.spread is not None and self.spread.typical > LARGE_SPREAD:
+            found.append(
+                f"Under another light the picture is uncertain by {self.spread.typical:.0%} (one standard deviation): "
+                "this photograph leaves much of the BRDF to the library. A light with more contrast, or a second "
+                "photograph under another light, would tell more."
+            )
+        if self.oscillation > OSCILLATION:
+            found.append(
+                f"The weights oscillate: their magnitudes add up to {self.oscillation:.0f} times their sum, so large "
+                "positive and negative weights cancel each other. That fits this photograph and rarely any other; a "
+                "larger penalty helps."
+            )
+        if self.found.clamped > LARGE_CLAMPED_SHARE:
+            found.append(
+                f"{self.found.clamped:.1%} of the table's values came out negative and were set to zero. "
+                "Look for black spots and rings under the directional lights."
+            )
+        return found
+
+
+def gather(subject: Subject, size: int, samples: int) -> Evidence:
+    """Tables and renderings of the result and of all candidates, on the CPU.
+
+    size     pixels along a side of the spheres under light that was not observed
+    samples  light transport samples a pixel for them
+    """
+    result, basis, library, probe = subject.result, subject.basis, subject.library, subject.probe.to("cpu")
+    used = subject.mask.cpu() & basis.mask.cpu()
+    y = subject.photograph.detach().cpu()
+    chosen = int(result.class_index)
+    averaged = result.posteriors is not None or not torch.equal(result.weights, result.class_weights[chosen])
+    sphere = SphereView(size)
+    other = other_light(probe)
+    turned = probe.resized(min(probe.height, _MAX_PROBE_HEIGHT)).rotated(turn_about_y(TURN_DEG))
+
+    k = len(result.class_weights)
+    tables = [result.candidate(j, library) for j in range(k)]
+    weights = list(result.class_weights.detach().cpu().double())
+    squared = list(result.class_errors.detach().cpu())
+    if averaged:
+        tables, weights = [*tables, result.brdf(library)], [*weights, result.weights.detach().cpu().double()]
+        squared = [*squared, result.error.detach().cpu()]
+    fits = basis.unpack(torch.einsum("kns,nsp->ksp", torch.stack(weights).to(basis.packed), basis.packed)).cpu()
+    novel = render_tables(tables, other, sphere, samples)
+    made = tuple(
+        Candidate(
+            index=j if j < k else None,
+            probability=None if j == k or result.posteriors is None else float(result.class_probabilities[j]),
+            members=int((weights[j] != 0).any(-1).sum()),
+            leading=leading_materials(weights[j], result.names, 3),
+            error=float((squared[j] / result.energy.detach().cpu()).clamp_min(0).sqrt()),
+            fitted=fits[j],
+            table=table,
+            clamped=clamped_share(table),
+            novel=novel[j],
+            frontal=render_directional(table, sphere, DIRECTIONAL_ANGLES[0], irradiance=pi),
+        )
+        for j, table in enumerate(tables)
+    )
+    found = made[k if averaged else chosen]
+    return Evidence(
+        photograph=y,
+        used=used,
+        found=found,
+        candidates=made[:k],
+        chosen=chosen,
+        weights=weights[k if averaged else chosen],
+        names=result.names,
+        channel_errors=tuple(
+            relative_rms(found.fitted[c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
+        ),
+        turned=render_tables([found.table], turned, sphere, samples)[0],
+        directional={
+            angle: found.frontal
+            if angle == DIRECTIONAL_ANGLES[0]
+            else render_directional(found.table, sphere, angle, irradiance=pi)
+            for angle in DIRECTIONAL_ANGLES
+        },
+        probes=(probe, other, turned),
+        distrust=basis.distrust,
+        spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
+    )
+
+
+def other_light(probe: LightProbe) -> LightProbe:
+    """A probe that is not this one: the default, turned by half where the photograph was taken under it."""
+    default = LightProbe.default()
+    return default.rotated(turn_about_y(180.0)) if default.fingerprint == probe.fingerprint else default
+
+
+def turn_about_y(angle_deg: float) -> Tensor:
+    """(3, 3): the rotation that takes +Z (the camera's side) towards +X (image right)."""
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]], dtype=torch.float64)
+
+
+def clamped_share(table: MerlTable) -> float:
+    """Share of a table's measured values that are exactly zero: a combination is so only where it was clamped."""
+    return float((table.values[table.valid] == 0).double().mean())
+
+
+def leading_materials(weights: Tensor, names: Sequence[str], count: int) -> tuple[str, ...]:
+    """The materials with the largest |w| (n, 3) over their channels and those of the result."""
+    strength = weights.abs().unflatten(0, (-1, 3)).amax((1, 2))
+    order = torch.argsort(strength, descending=True, stable=True)[:count]
+    return tuple(names[int(i)] for i in order if strength[i] > 0)

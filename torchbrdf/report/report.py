@@ -1,0 +1,278 @@
+"""The report of one reconstruction: a self-contained HTML page that shows whether the BRDF can be trusted.
+
+A small residual proves nothing, so the page shows the BRDF where the photograph does not determine it: under other
+light probes, under directional lights, and as curves.
+"""
+
+import os
+from collections.abc import Mapping
+from html import escape
+from math import isfinite, log2
+
+import numpy as np
+import torch
+
+from torchbrdf.estimation import Observability
+from torchbrdf.files import writing
+from torchbrdf.images import exposure_for, stops_for
+from torchbrdf.report._candidates import classes_section
+from torchbrdf.report._figures import (
+    CHANNEL_COLOURS,
+    bar,
+    diverging_css,
+    light_plan,
+    log_range,
+    on_grey,
+    picture,
+    plane_of_incidence,
+    polar_plot,
+    signed_map,
+    theta_h_curve,
+    theta_h_plot,
+)
+from torchbrdf.report._observability_section import observability_section
+from torchbrdf.report._pictures import kind_of, light_picture, short_name, sphere_plate
+from torchbrdf.report._slices import EXPLANATION as SLICE_EXPLANATION, slice_exposures, slice_figure
+from torchbrdf.report._spread import NINETY, spread_section
+from torchbrdf.report.evidence import (
+    LARGE_CLAMPED_SHARE,
+    LARGE_RESIDUAL,
+    LARGE_SPREAD,
+    OSCILLATION,
+    SMALL_MARGIN,
+    SMALL_PROBABILITY,
+    TURN_DEG,
+    Evidence,
+    Subject,
+    gather,
+)
+from torchbrdf.report.page import definitions, page, plate, section
+from torchbrdf.view import SphereView, View
+
+_SIZE = 128
+_SAMPLES = 400
+"""Pixels along a side and light samples a pixel of the spheres under light that was not observed."""
+
+_THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
+_N_WEIGHTS = 12
+_MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
+_LUMINANCE = torch.tensor([0.2126, 0.7152, 0.0722])[:, None, None]
+
+
+def write_report(
+    path: str | os.PathLike[str],
+    subject: Subject,
+    description: Mapping[str, str],
+    *,
+    observability: Observability | None = None,
+    size: int = _SIZE,
+    samples: int = _SAMPLES,
+) -> None:
+    """Write one HTML file that opens offline, with everything inside.
+
+    subject      the reconstruction and what it was made from
+    description  settings to list, name -> value; a "title" becomes the title of the page
+    observability  what the light and the view can tell at all, for a section of its own
+    size         pixels along a side of the spheres under other light
+    samples      light samples a pixel for them
+    The file is whole or absent.
+    """
+    evidence, view = gather(subject, size, samples), subject.view
+    settings = {key: str(value) for key, value in description.items()}
+    title = settings.pop("title", "") or "BRDF from a photograph"
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        _verdict(evidence),
+        _observed(evidence, view),
+        _novel(evidence),
+        *([] if evidence.spread is None else [spread_section(evidence, view)]),
+        *([] if observability is None else [observability_section(observability)]),
+        classes_section(evidence, view),
+        _curves(evidence),
+        _weights(evidence),
+        _settings(settings, subject),
+    ]
+    with writing(path) as temporary:
+        temporary.write_text(page(title, body), encoding="utf-8")
+
+
+def _verdict(evidence: Evidence) -> str:
+    found, best, second = evidence.found, evidence.best, evidence.runner_up
+    explained = f"explains the photograph to within <b>{found.error:.2%}</b> (relative RMS error)."
+    if evidence.averaged:
+        sentences = [f"The result {explained}"]
+        if second is not None and best.probability is not None:
+            sentences.append(
+                f"The most probable class is {best.index} ({best.probability:.0%}); the result averages the classes, "
+                "the whole library and neighbourhoods in it, by what the photograph says for each."
+            )
+        if evidence.spread is not None:
+            sentences.append(f"Under another light its picture is uncertain by {evidence.spread.typical:.1%}.")
+    elif second is None:
+        sentences = [f"The only class {explained}"]
+    else:
+        times = f", {evidence.margin:.2f} times as much" if isfinite(evidence.margin) else ""
+        sentences = [
+            f"Class {found.index} {explained}",
+            f"The second best, class {second.index}, leaves {second.error:.2%}{times}.",
+        ]
+    sentences.append(f"{found.clamped:.2%} of the table’s values were negative and are clamped at zero.")
+    parts = [f'<p class="verdict">{" ".join(sentences)}</p>']
+    if evidence.warnings:
+        items = "".join(f"<li>{escape(warning)}</li>" for warning in evidence.warnings)
+        parts.append(f'<div class="caution" role="note"><ul>{items}</ul></div>')
+    else:
+        apart = (
+            f"a class of {SMALL_PROBABILITY:.0%} or more, uncertain by at most {LARGE_SPREAD:.0%} under another light"
+            if evidence.averaged
+            else f"runner-up at least {SMALL_MARGIN:g} times worse"
+        )
+        parts.append(
+            f'<p class="soft">No warning applies: residual at most {LARGE_RESIDUAL:.0%}, {apart}, sum of |weights|'
+            f" at most {OSCILLATION:g} times their sum, at most "
+            f"{LARGE_CLAMPED_SHARE:.0%} clamped.</p>"
+        )
+    parts.append(
+        "<p><b>A small residual proves nothing.</b> Plain least squares always has the smallest, and often the worst "
+        "BRDF. Look at the pictures under light that was not photographed: a spike in the centre, dark spots, rings "
+        "around the highlight or a rim of another colour are marks of a wrong BRDF.</p>"
+    )
+    return "\n".join(parts)
+
+
+def _observed(evidence: Evidence, view: View) -> str:
+    found, used = evidence.found, evidence.used
+    exposure = exposure_for(evidence.photograph, used)
+    kind = kind_of("large", view)
+    shape = view.mask.cpu()
+    difference = ((found.fitted - evidence.photograph) * _LUMINANCE).sum(0, keepdim=True) * exposure
+    spread = float(torch.quantile(difference[used].abs().float(), 0.99))
+    scale = next((s for s in _MAP_SCALES if s >= spread), _MAP_SCALES[-1])
+    unused = int((shape & ~used).sum())
+    masked = f" {unused} pixels are masked out (grey)." if unused else ""
+    errors = ", ".join(
+        f"{name} {error:.2%}" for name, error in zip("RGB", evidence.channel_errors, strict=True) if isfinite(error)
+    )
+    map_colours = signed_map(difference, scale, used)
+    bar_ends = f"<span>−{scale:.0%} of white</span><span>0</span><span>+{scale:.0%} of white</span>"
+    plates = [
+        plate(
+            picture(on_grey(evidence.photograph, exposure, used, shape), "the photograph", exposure, kind),
+            f"<b>Photograph</b>, {used.shape[-1]} × {used.shape[-2]}.{masked}",
+        ),
+        plate(
+            picture(on_grey(found.fitted, exposure, shape, shape), "the fit under the same light", exposure, kind),
+            f"<b>Fit</b>, same exposure. {errors}.",
+        ),
+        plate(
+            picture(on_grey(map_colours, 1.0, used, shape), "signed difference, fit minus photograph", 1.0, kind),
+            "<b>Fit − photograph</b>, luminance. Blue: the fit is darker; red: brighter."
+            f'<div class="scale" style="background: {diverging_css()}"></div><div class="ends">{bar_ends}</div>',
+        ),
+    ]
+    stops = f"{log2(exposure):+.1f}".replace("-", "−")
+    note = (
+        f'<p class="note">Shown with exposure × {exposure:.3g} ({stops} stops): radiance {1 / exposure:.3g}, the 99th '
+        "percentile of the photograph, is white; brighter pixels are clipped. Tone curve: gamma 2.2.</p>"
+    )
+    light = plate(light_picture(evidence.probes[0], "large"), "")
+    about = (
+        f'<div><p class="note"><b>The light</b>: {escape(short_name(evidence.probes[0]))}. Its middle lies behind the '
+        f"camera, its left and right ends lie behind the ball.</p>{note}</div>"
+    )
+    return section(
+        "The photograph and its fit",
+        f'<div class="three">{"".join(plates)}</div>',
+        f'<div class="row below">{light}{about}</div>',
+    )
+
+
+def _novel(evidence: Evidence) -> str:
+    sphere = SphereView(evidence.turned.shape[-1])
+    probes = []
+    for image, probe, caption in (
+        (evidence.found.novel, evidence.probes[1], "<b>Another light</b>, torchbrdf’s studio room"),
+        (evidence.turned, evidence.probes[2], f"<b>The photograph’s light</b>, turned {TURN_DEG:.0f}° about +Y"),
+    ):
+        probes.append(sphere_plate(image, sphere, exposure_for(image, sphere.mask), caption))
+        probes.append(plate(light_picture(probe, "middle"), "the light"))
+    directional = []
+    for angle, image in evidence.directional.items():
+        where = "from the camera" if angle == 0 else "from behind, image right"
+        for exposure, what in zip(stops_for(image), (where, "beside the highlight"), strict=True):
+            caption = f"{light_plan(angle)}<b>Directional, {angle:g}°</b>, {what}<br>exposure × {exposure:g}"
+            directional.append(sphere_plate(image, sphere, exposure, caption))
+    note = (
+        '<p class="note">Under the probes the 99th percentile of each picture is white. The directional lights have '
+        "irradiance π: at exposure × 1 a white diffuse surface that faces the light just reaches white. Each is shown "
+        "with two exposures, for the highlight and for what lies beside it. The angle turns the light about the "
+        "vertical axis (+Y): 0° is light from the camera, 90° from image right.</p>"
+    )
+    rows = (f'<div class="four">{"".join(figures)}</div>' for figures in (probes, directional))
+    return section("Under light that was not photographed", *rows, note)
+
+
+def _curves(evidence: Evidence) -> str:
+    table = evidence.found.table
+    samples = np.concatenate([plane_of_incidence(table, theta_i)[1] for theta_i in _THETA_I_DEG])
+    decades = log_range(samples)
+    plots = "".join(
+        f"<figure>{polar_plot(table, theta_i, decades)}<figcaption>θ<sub>i</sub> = {theta_i:g}°</figcaption></figure>"
+        for theta_i in _THETA_I_DEG
+    )
+    others = [theta_h_curve(other.table) for other in evidence.candidates if other is not evidence.found]
+    key = "".join(
+        f'<span style="border-color: {colour}"></span>{name}'
+        for name, colour in zip("RGB", CHANNEL_COLOURS, strict=True)
+    )
+    what = "candidates of the classes" if evidence.averaged else "other classes"
+    dashed = f'<span style="border-top: 1px dashed #777"></span>{what}, mean of R, G, B' if others else ""
+    curve, band = theta_h_curve(table), None
+    if evidence.spread is not None:
+        reach = NINETY * evidence.spread.curve.numpy()
+        band = np.maximum(curve - reach, 0.0), curve + reach
+        dashed += '<span style="border-top: 9px solid #777; opacity: .3"></span>90 % interval'
+    return section(
+        "The BRDF",
+        "<p>f<sub>r</sub> in 1/sr, without the cosine, in the plane of incidence. The radius is the logarithm of "
+        f"f<sub>r</sub>, one ring a decade, {10.0 ** decades[0]:g} and less in the centre. The light is the yellow "
+        "dot, the dashed line the mirror direction.</p>",
+        f'<div class="polars">{plots}</div>',
+        "<p>f<sub>r</sub> over θ<sub>h</sub> at θ<sub>d</sub> = 0 (light and camera in one direction); the axis is "
+        "stretched towards the highlight as MERL’s grid is.</p>",
+        theta_h_plot(curve, others, band),
+        f'<p class="key note">{key}{dashed}</p>',
+        SLICE_EXPLANATION,
+        f'<div class="three">{"".join(slice_figure(table, "", stops) for stops in slice_exposures(table))}</div>',
+    )
+
+
+def _weights(evidence: Evidence) -> str:
+    weights = evidence.weights
+    strength = weights.abs().amax(1)
+    largest = float(strength.max())
+    rows = []
+    for i in torch.argsort(strength, descending=True, stable=True)[:_N_WEIGHTS].tolist():
+        if strength[i] == 0:
+            break
+        bars = "".join(f"<td>{bar(float(weights[i, c]), largest, CHANNEL_COLOURS[c])}</td>" for c in range(3))
+        material = f'{escape(evidence.names[i // 3])} <span class="soft">{"RGB"[i % 3]}</span>'
+        rows.append(f"<tr><td>{material}</td>{bars}</tr>")
+    sums, sizes = weights.sum(0), weights.abs().sum(0)
+    head = "<th>material and its channel</th><th>weight in R</th><th>weight in G</th><th>weight in B</th>"
+    totals = "".join(f"<td>Σw {sums[c]:.2f}, Σ|w| {sizes[c]:.2f}</td>" for c in range(3))
+    shown = len(rows)
+    return section(
+        "The largest weights",
+        f"<p>{shown} of the {evidence.found.members} basis BRDFs with a weight. A basis BRDF is one channel of one "
+        "material; the columns are the channels of the result.</p>",
+        f'<table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}<tr class="soft"><td>all</td>{totals}</tr>'
+        "</tbody></table>",
+    )
+
+
+def _settings(settings: Mapping[str, str], subject: Subject) -> str:
+    basis = subject.basis
+    made = {"materials": str(len(subject.library)), "basis images": basis.description}
+    prints = {"library": basis.library, "light probe": basis.probe, "view": basis.view}
+    return section("Settings and fingerprints", definitions({**settings, **made}), definitions(prints, "print"))

@@ -1,0 +1,187 @@
+"""Basis images Y: what every basis BRDF looks like under one light from one view [CBP21, eqs. 4-5]."""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from torchbrdf.brdf import MaterialLibrary, columns_of
+from torchbrdf.files import writing
+from torchbrdf.light import LightProbe
+from torchbrdf.view import View, pack, unpack
+
+FEWEST_NORMALS = 0.15
+"""Share of a sphere's normals that a shape must show for its photograph to tell the BRDF (docs/known_shapes.md)."""
+
+_FORMAT = "torchbrdf basis images 1"
+_ORIGIN = ("library", "probe", "view", "description")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BasisImages:
+    """Y, packed over the pixels of the mask.
+
+    packed           (n, 3, P)  float32 radiance; row 3 i + c is channel c of material i
+    mask             (1, H, W)  bool, the view's mask; P of its pixels are True
+    names            the materials, n = 3 len(names)
+    library          fingerprint of the columns behind the names
+    probe, view      fingerprints of the light and of the shape
+    description      how it was rendered
+    normal_coverage  of the view: share of a sphere's normals that the shape shows
+    relative_errors  (n,)  estimated relative RMS error of each image; None where the renderer gives none
+    """
+
+    packed: Tensor
+    mask: Tensor
+    names: tuple[str, ...]
+    library: str
+    probe: str
+    view: str
+    description: str = ""
+    normal_coverage: float = 1.0
+    relative_errors: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the shapes belong together."""
+        expected = (3 * len(self.names), 3, int(self.mask.sum()))
+        if tuple(self.packed.shape) != expected:
+            raise ValueError(f"packed must be {expected} for these names and this mask, got {tuple(self.packed.shape)}")
+        if self.relative_errors is not None and self.relative_errors.shape != expected[:1]:
+            raise ValueError(f"relative_errors must be {expected[:1]}, got {tuple(self.relative_errors.shape)}")
+
+    @classmethod
+    def of(
+        cls,
+        packed: Tensor,
+        library: MaterialLibrary,
+        probe: LightProbe,
+        view: View,
+        description: str,
+        relative_errors: Tensor | None = None,
+    ) -> "BasisImages":
+        """Images with what they were rendered from."""
+        return cls(
+            packed=packed,
+            mask=view.mask,
+            names=library.names,
+            library=library.source,
+            probe=probe.fingerprint,
+            view=view.fingerprint,
+            description=description,
+            normal_coverage=view.normal_coverage,
+            relative_errors=relative_errors,
+        )
+
+    def __repr__(self) -> str:
+        """Size and origin."""
+        n, _, p = self.packed.shape
+        height, width = self.size
+        return f"BasisImages(n = {n}, {height} x {width}, {p} pixels; {self.description})"
+
+    @property
+    def n(self) -> int:
+        """The number of basis images."""
+        return self.packed.shape[0]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of an image."""
+        return self.mask.shape[-2], self.mask.shape[-1]
+
+    @property
+    def distrust(self) -> str | None:
+        """Why no reconstruction from this view is to be trusted; None where its normals suffice."""
+        if self.normal_coverage >= FEWEST_NORMALS:
+            return None
+        return (
+            f"the shape shows only {self.normal_coverage:.1%} of the normals of a sphere: a plane, a cube and the like "
+            "tell too little about a BRDF, do not trust the result; photograph a shape that is curved both ways"
+        )
+
+    def to(self, device: torch.device | str) -> "BasisImages":
+        """The same images on another device."""
+        errors = None if self.relative_errors is None else self.relative_errors.to(device)
+        return replace(self, packed=self.packed.to(device), mask=self.mask.to(device), relative_errors=errors)
+
+    def subset(self, names: Sequence[str]) -> "BasisImages":
+        """The images of some materials only, in the order given."""
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise ValueError(f"no material {unknown[0]!r} among these {len(self.names)} basis images")
+        rows = columns_of([self.names.index(name) for name in names]).to(self.packed.device)
+        errors = None if self.relative_errors is None else self.relative_errors[rows]
+        return replace(self, packed=self.packed[rows], names=tuple(names), relative_errors=errors)
+
+    def without(self, *names: str) -> "BasisImages":
+        """The images less some materials (leave-one-out)."""
+        self.subset(names)
+        return self.subset([name for name in self.names if name not in names])
+
+    def image(self, material: str) -> Tensor:
+        """(3, H, W): the material itself under the light, each channel of it in its own colour of the light."""
+        rows = self.subset([material]).packed
+        return self.unpack(torch.stack([rows[channel, channel] for channel in range(3)]))
+
+    def pack(self, image: Tensor) -> Tensor:
+        """The pixels under the mask: (..., H, W) -> (..., P)."""
+        return pack(image, self.mask)
+
+    def unpack(self, packed: Tensor) -> Tensor:
+        """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
+        return unpack(packed, self.mask)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a safetensors file with the fingerprints in its metadata."""
+        metadata = {"format": _FORMAT, "names": json.dumps(self.names), "normal_coverage": str(self.normal_coverage)}
+        metadata |= {key: getattr(self, key) for key in _ORIGIN}
+        tensors = {"packed": self.packed, "mask": self.mask}
+        if self.relative_errors is not None:
+            tensors["relative_errors"] = self.relative_errors
+        tensors = {key: tensor.cpu().contiguous() for key, tensor in tensors.items()}
+        with writing(path) as temporary:
+            save_file(tensors, temporary, metadata)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        library: MaterialLibrary | None = None,
+        probe: LightProbe | None = None,
+        view: View | None = None,
+    ) -> "BasisImages":
+        """Read what `save` wrote.
+
+        library, probe, view  what the images must have been rendered with; None accepts any
+        Raises ValueError where the file is something else or was rendered with another library, probe or view.
+        """
+        if not Path(path).is_file():
+            raise FileNotFoundError(f"{path}: no such file; expected basis images written by BasisImages.save")
+        try:
+            with safe_open(path, "pt") as file:
+                metadata = file.metadata() or {}
+                if metadata.get("format") != _FORMAT:
+                    raise ValueError(f"{path}: not basis images of this version ({_FORMAT!r})")
+                tensors = {key: file.get_tensor(key) for key in list(file.keys())}
+        except SafetensorError as error:
+            raise ValueError(f"{path}: not basis images: {error}") from None
+        basis = cls(
+            **tensors,
+            names=tuple(json.loads(metadata["names"])),
+            normal_coverage=float(metadata.get("normal_coverage", 1)),
+            **{key: metadata[key] for key in _ORIGIN},
+        )
+        expected = {
+            "library": library is None or (library.source, library.names) == (basis.library, basis.names),
+            "light probe": probe is None or probe.fingerprint == basis.probe,
+            "view": view is None or view.fingerprint == basis.view,
+        }
+        for what, matches in expected.items():
+            if not matches:
+                raise ValueError(f"{path}: rendered with another {what}; render the basis again with this one")
+        return basis

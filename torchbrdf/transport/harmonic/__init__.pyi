@@ -1,0 +1,17 @@
+from .basis import HarmonicBasis as HarmonicBasis
+from .cache import (
+    is_precomputed as is_precomputed,
+    transport_of as transport_of,
+)
+from .grid import (
+    Zone as Zone,
+    zones as zones,
+)
+from .light import TurningLight as TurningLight
+from .ring_lookup import unsuited as unsuited
+from .splines import SUPPORT as SUPPORT
+from .transport import (
+    HarmonicTransport as HarmonicTransport,
+    frequencies_of as frequencies_of,
+    spectrum as spectrum,
+)

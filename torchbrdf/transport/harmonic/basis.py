@@ -1,0 +1,107 @@
+"""Basis images of one view under one probe in any orientation, by the harmonic transport [CBP21, eq. 5]."""
+
+from dataclasses import replace
+from math import radians
+
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.light import LightProbe, checked_rotation, rotation_of
+from torchbrdf.transport.basis_images import BasisImages
+from torchbrdf.transport.harmonic.cache import transport_of
+from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight
+from torchbrdf.transport.harmonic.ring_lookup import unsuited
+from torchbrdf.view import View
+
+_STEP = radians(0.15)
+"""Of the differences that tell how an image changes as the light turns."""
+
+
+class HarmonicBasis:
+    """What does not change when the probe turns.
+
+    library   its transport is precomputed on first use, see `transport_of`
+    view      of an orthographic camera along -Z, without shadows: a `SphereView` or a `NormalMapView`
+    progress  show it while the transport is precomputed
+    lines     of the light, see `TurningLight`
+    Raises ValueError for another view.
+    """
+
+    def __init__(
+        self, library: MaterialLibrary, probe: LightProbe, view: View, progress: bool = False, lines: int = LINES
+    ) -> None:
+        """Open the transport of the library."""
+        reason = unsuited(view)
+        if reason is not None:
+            raise ValueError(f'backend="harmonic" cannot render this view: {reason}; use backend="sampled"')
+        self.library, self.probe, self.view = library, probe, view
+        self.transport = transport_of(library, progress)
+        self._light = TurningLight(probe.to(self.transport.device), lines)
+        whole = library.materials == tuple(range(len(library.stored.names)))
+        self._columns = None if whole else library.column_index.to(self.transport.device)
+
+    def basis_at(self, rotation: Tensor | None = None) -> BasisImages:
+        """The basis images under the probe turned by a rotation (3, 3), as `LightProbe.rotated` turns it.
+
+        Radiance is looked up in turned directions, not resampled as in a rotated probe; a turn about the view axis is a
+        phase. Differentiable in the probe's radiance and in the rotation; one backward pass for each `HarmonicBasis`
+        of a radiance that requires gradients. The images say that they are of the probe as it is where rotation is
+        None, else of no probe in particular. Raises ValueError where rotation is none.
+        """
+        if rotation is not None:
+            rotation = torch.as_tensor(rotation)
+            checked_rotation(rotation)
+        packed = self.transport.packed(self._light.harmonics(rotation), self.view, self._columns)
+        basis = BasisImages.of(packed, self.library, self.probe, self.view, "harmonic")
+        if rotation is None:
+            return basis
+        turn = ",".join(f"{value:.9g}" for value in rotation.detach().flatten().tolist())
+        return replace(basis, probe=f"{self.probe.fingerprint} turned by {turn}")
+
+    def image_at(self, weights: Tensor, rotation: Tensor | None = None) -> Tensor:
+        """(3, P): Y w under the turned probe, for weights (n, 3), without the other basis images.
+
+        Raises ValueError for other weights, or where rotation is none.
+        """
+        self._check(weights, rotation)
+        return self._image(self._light.harmonics(rotation), weights)
+
+    def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
+        """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
+
+        Central differences over a third of a degree, as fine as the transport resolves: the light is bilinear between
+        texels, and its derivative jumps. An image is linear in the light, so one image shows the difference of two.
+        Raises ValueError for other weights, or where rotation is none.
+        """
+        self._check(weights, rotation)
+        changes: list[LightHarmonics] = []
+        for axis in torch.eye(3, dtype=torch.float64)[:2]:
+            after, before = (
+                self._light.harmonics(rotation_of(sign * _STEP * axis) @ rotation.double()) for sign in (1, -1)
+            )
+            changes.append([
+                ((a - b) / (2 * _STEP), (ia - ib) / (2 * _STEP))
+                for (a, ia), (b, ib) in zip(after, before, strict=True)
+            ])  # fmt: skip
+        about_view: LightHarmonics = []
+        for light, multiple in self._light.harmonics(rotation):  # times exp(-i m angle), a turn about +Z
+            slope = torch.sin(torch.arange(len(light), device=light.device) * _STEP)[:, None, None] / _STEP
+            about_view.append((-slope * multiple, slope * light))
+        return torch.stack([self._image(light, weights) for light in (*changes, about_view)])
+
+    def _check(self, weights: Tensor, rotation: Tensor | None) -> None:
+        if weights.shape != (self.library.n, 3):
+            raise ValueError(
+                f"weights must be (n, 3) = ({self.library.n}, 3), a column for each channel of the image, "
+                f"got {tuple(weights.shape)}"
+            )
+        if rotation is not None:
+            checked_rotation(rotation)
+
+    def _image(self, light: LightHarmonics, weights: Tensor) -> Tensor:
+        if self._columns is not None:
+            whole = weights.new_zeros(len(self.transport.groups[0].mixing), 3)
+            whole[self._columns] = weights
+            weights = whole
+        return torch.diagonal(self.transport.blended(light, self.view, weights)).T

@@ -1,0 +1,170 @@
+"""The precomputed transport of a library on disk: one file of kernels, memory-mapped, for each library's content.
+
+A file is named after the fingerprint of the library's columns and after what the kernels depend on beside them, so a
+library that changes gets another file. Groups of rings are kept one by one while they are computed: what was
+interrupted resumes. A checksum tells a damaged file, which is computed again.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+from tqdm import tqdm
+
+from torchbrdf.brdf import MaterialLibrary, StoredColumns, column_norms
+from torchbrdf.files import cache_folder, check_room, writing
+from torchbrdf.lasting import lasting
+from torchbrdf.transport.harmonic._kernels import Band, Kernels, compute_group, kernel_settings
+from torchbrdf.transport.harmonic.grid import settings, zones
+from torchbrdf.transport.harmonic.transport import HarmonicTransport
+
+_FORMAT = "torchbrdf harmonic transport 1"
+_HEADROOM = 600e6
+"""Bytes that a build may take on disk."""
+
+_SUMMED = 256
+"""Values of a block of the checksum."""
+
+_in_memory: dict[str, HarmonicTransport] = {}
+_REMEMBERED = 2
+
+
+@lasting
+def transport_of(library: MaterialLibrary, progress: bool = False) -> HarmonicTransport:
+    """The harmonic transport of all stored columns of a library, computed on first use: under a minute for 300.
+
+    Libraries that live in the cache keep theirs beside it; those of tables in memory only as long as the process.
+    Raises OSError where the disk has no room for it.
+    """
+    stored, device = library.stored, library.stored.columns.device
+    key = f"{stored.fingerprint} {device}"
+    if key not in _in_memory:
+        if stored.mapping is not None or _path(stored).is_file():
+            found = _from_disk(stored, progress)
+        else:
+            found = _assembled(stored, None, progress)
+        if device.type != "cpu":
+            found = found.to(device)
+        while len(_in_memory) >= _REMEMBERED:
+            _in_memory.pop(next(iter(_in_memory)))
+        _in_memory[key] = found
+    return _in_memory[key]
+
+
+def is_precomputed(library: MaterialLibrary) -> bool:
+    """Whether `transport_of` would only read a file."""
+    return _path(library.stored).is_file()
+
+
+def _path(stored: StoredColumns) -> Path:
+    depends = json.dumps([_FORMAT, settings(), kernel_settings()])
+    key = hashlib.sha256((stored.fingerprint + depends).encode()).hexdigest()[:24]
+    return cache_folder() / "harmonic" / f"{key}.safetensors"
+
+
+def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
+    from filelock import FileLock
+
+    path = _path(stored)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(path.with_suffix(".lock")):
+        kernels = _read(path)
+        if kernels is None:
+            parts = path.with_suffix(".parts")
+            check_room(path.parent, _HEADROOM, "the harmonic transport", ', or use backend="sampled"')
+            parts.mkdir(exist_ok=True)
+            try:
+                built = _assembled(stored, parts, progress)
+            except KeyboardInterrupt:
+                message = "interrupted; the harmonic transport goes on from here when it is next asked for"
+                raise KeyboardInterrupt(message) from None
+            _write(path, built.groups)
+            shutil.rmtree(parts, ignore_errors=True)
+            kernels = _read(path)
+            if kernels is None:
+                raise OSError(f"{path}: what was written reads back damaged; check the disk")
+        return HarmonicTransport(kernels)
+
+
+def _assembled(stored: StoredColumns, parts: Path | None, progress: bool) -> HarmonicTransport:
+    """Compute all groups, on the CPU; those already in a folder of parts are read."""
+    stored = replace(stored, columns=stored.columns.cpu())
+    groups: list[Kernels] = []
+    everything = [(zone, rings) for zone in zones() for rings in zone.groups]
+    norms = column_norms(stored)
+    for i, (zone, rings) in enumerate(tqdm(everything, "harmonic transport", disable=not progress, leave=False)):
+        part = None if parts is None else parts / f"{i}.safetensors"
+        known = None if part is None else _read(part)
+        if known is None:
+            known = (compute_group(stored, zone, rings, norms, len(zones())),)
+            if part is not None:
+                _write(part, known)
+        groups.extend(known)
+    return HarmonicTransport(tuple(groups))
+
+
+def _tensors(groups: tuple[Kernels, ...]) -> Iterator[Tensor]:
+    for group in groups:
+        yield group.mixing
+        for band in group.bands:
+            yield from (band.even, band.odd, band.mix_even, band.mix_odd)
+
+
+def _write(path: Path, groups: tuple[Kernels, ...]) -> None:
+    layout = [
+        {
+            "zone": group.zone, "first_ring": group.first_ring, "n_rings": group.n_rings, "places": group.places,
+            "first_row": group.first_row, "bands": [band.low for band in group.bands],
+        }
+        for group in groups
+    ]  # fmt: skip
+    shapes = [list(tensor.shape) for tensor in _tensors(groups)]
+    values = torch.cat([tensor.ravel() for tensor in _tensors(groups)])
+    contents = json.dumps([layout, shapes])
+    metadata = {"format": _FORMAT, "contents": contents, "checksum": _checksum(values, contents)}
+    with writing(path) as temporary:
+        try:
+            save_file({"values": values}, temporary, metadata)
+        except SafetensorError as error:
+            message = f"{path.parent}: cannot write the harmonic transport ({error}); make room on the disk"
+            raise OSError(message) from None
+
+
+def _read(path: Path) -> tuple[Kernels, ...] | None:
+    """What `_write` wrote; None where there is no such file or a damaged one."""
+    try:
+        with safe_open(path, "pt") as file:
+            metadata = file.metadata() or {}
+            values = file.get_tensor("values")
+    except (OSError, SafetensorError):
+        return None
+    contents = metadata.get("contents", "")
+    if metadata.get("format") != _FORMAT or metadata.get("checksum") != _checksum(values, contents):
+        return None
+    layout, shapes = json.loads(contents)
+    sizes = [int(torch.Size(shape).numel()) for shape in shapes]
+    tensors = iter([part.view(shape) for part, shape in zip(values.split(sizes), shapes, strict=True)])
+    return tuple(
+        Kernels(
+            zone=entry["zone"], first_ring=entry["first_ring"], n_rings=entry["n_rings"], places=entry["places"],
+            first_row=entry["first_row"], mixing=next(tensors),
+            bands=tuple(Band(low, *islice(tensors, 4)) for low in entry["bands"]),
+        )
+        for entry in layout
+    )  # fmt: skip
+
+
+def _checksum(values: Tensor, contents: str) -> str:
+    """Of the contents' text and of a sum over the bits of every block of values: a hash of all takes too long."""
+    blocks = values.view(torch.int32)
+    ends = len(blocks) // _SUMMED * _SUMMED
+    sums = torch.cat([blocks[:ends].view(-1, _SUMMED).sum(1, dtype=torch.int64), blocks[ends:].long()])
+    return hashlib.sha256(contents.encode() + sums.numpy().tobytes()).hexdigest()

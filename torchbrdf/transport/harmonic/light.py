@@ -1,0 +1,146 @@
+"""A light probe about the view direction: Fourier series in azimuth, splines over the polar angle."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import atan2, pi, radians, sin
+
+import torch
+from torch import Tensor
+from torch.nn.functional import grid_sample
+
+from torchbrdf.lasting import lasting
+from torchbrdf.light import LightProbe, texel_coordinates
+from torchbrdf.transport.harmonic.grid import Zone, zones
+
+LINES = 576
+"""Lines of equal polar angle on which radiance is read; twice as many places on each."""
+
+_FINEST = 600 / LINES
+"""Rows of texels that a line resolves; larger probes are averaged to so many."""
+
+_BLUR = radians(0.1)
+"""Standard deviation of a blur along the probe's own rows: it spreads the texels that crowd at its poles."""
+
+
+LightHarmonics = list[tuple[Tensor, Tensor]]
+"""Coefficients l of every zone, and i l, each (M, 6, elevations) float32: real parts of R, G and B, then imaginary."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurningLight:
+    """A probe whose harmonics are wanted in several orientations.
+
+    lines  of equal polar angle on which radiance is read; at least 270 for all frequencies
+    """
+
+    probe: LightProbe
+    lines: int = LINES
+
+    def harmonics(self, rotation: Tensor | None = None) -> LightHarmonics:
+        """The coefficients of the probe turned by a rotation (3, 3), as in `LightProbe.rotated`; None for none.
+
+        A turn about the view axis +Z is a phase. Gradients flow to the radiance and to the rotation.
+        """
+        if rotation is None:
+            return [_with_multiple(spectrum) for spectrum in self._upright]
+        angle = None if rotation.requires_grad else _turn_about_view(rotation)
+        if angle is None:
+            return [_with_multiple(spectrum) for spectrum in self._spectra(rotation)]
+        found = []
+        for spectrum in self._upright:
+            phase = -angle * torch.arange(spectrum.shape[2], device=spectrum.device)
+            found.append(_with_multiple(spectrum * torch.polar(torch.ones_like(phase), phase)))
+        return found
+
+    @cached_property
+    def _upright(self) -> list[Tensor]:
+        return self._spectra(None)
+
+    @cached_property
+    def _texels(self) -> Tensor:
+        """(3, H, 2 H + 2) radiance; the first and the last column repeat the one at the other end."""
+        finest = round(self.lines * _FINEST)
+        probe = self.probe if self.probe.height <= finest else self.probe.resized(finest)
+        radiance, blur = probe.radiance, _blur(probe.height, str(probe.device))
+        n = len(blur)
+        top, middle, bottom = radiance.split([n, probe.height - 2 * n, n], dim=1)
+        top, bottom = (
+            torch.fft.irfft(torch.fft.rfft(rows) * response, n=probe.width)
+            for rows, response in ((top, blur), (bottom, blur.flip(0)))
+        )
+        spread = torch.cat([top, middle, bottom], 1)
+        return torch.cat([spread[..., -1:], spread, spread[..., :1]], -1)
+
+    def _spectra(self, rotation: Tensor | None) -> list[Tensor]:
+        """(3, elevations, M) complex64 for every zone."""
+        height, device = self._texels.shape[1], str(self._texels.device)
+        if rotation is None:
+            places = _places(height, self.lines, device)
+        else:
+            turned = _polar_directions(self.lines) @ rotation.to("cpu", torch.float32)  # a row vector times R is R^T d
+            places = _places_of(turned, height).to(device)
+        seen = grid_sample(self._texels[None], places[None], mode="bilinear", align_corners=True)[0]
+        spectrum = torch.view_as_real(torch.fft.rfft(seen, norm="forward"))
+        found = []
+        for zone in zones():
+            kept = spectrum[:, :, : zone.frequencies].flatten(2)
+            found.append(torch.view_as_complex((_projection(zone, self.lines, device) @ kept).unflatten(2, (-1, 2))))
+        return found
+
+
+def _with_multiple(spectrum: Tensor) -> tuple[Tensor, Tensor]:
+    real, imaginary = torch.view_as_real(spectrum).permute(3, 2, 0, 1)
+    return torch.cat([real, imaginary], 1), torch.cat([-imaginary, real], 1)
+
+
+def _turn_about_view(rotation: Tensor) -> float | None:
+    """The angle of a turn about +Z, from +X towards +Y; None for any other."""
+    r = rotation.tolist()
+    if max(abs(r[0][2]), abs(r[1][2]), abs(r[2][0]), abs(r[2][1])) > 1e-7 or r[2][2] < 0:
+        return None
+    return atan2(r[1][0], r[0][0])
+
+
+@lru_cache(maxsize=2)
+@lasting
+def _polar_directions(lines: int) -> Tensor:
+    """(lines, 2 lines, 3) float32: directions with polar angle beta to +Z and azimuth from +X towards +Y."""
+    beta = ((torch.arange(lines, dtype=torch.float64) + 0.5) * (pi / lines))[:, None]
+    phi = torch.arange(2 * lines, dtype=torch.float64) * (pi / lines)
+    sine = torch.sin(beta)
+    axes = [sine * torch.cos(phi), sine * torch.sin(phi), torch.cos(beta).expand(-1, 2 * lines)]
+    return torch.stack(axes, dim=-1).float()
+
+
+def _places_of(directions: Tensor, height: int) -> Tensor:
+    """(..., 2): where `grid_sample` finds directions (..., 3), in texels whose ends repeat each other's columns."""
+    width = 2 * height
+    x, y, _ = texel_coordinates(directions, height, width)
+    return torch.stack([(x + 1) * (2 / (width + 1)) - 1, y * (2 / (height - 1)) - 1], -1)
+
+
+@lru_cache(maxsize=4)
+@lasting
+def _places(height: int, lines: int, device: str) -> Tensor:
+    return _places_of(_polar_directions(lines), height).to(device)
+
+
+@lru_cache(maxsize=8)
+@lasting
+def _blur(height: int, device: str) -> Tensor:
+    """(N, H + 1): the transform of the blur along the N rows next to a pole where texels are narrower than it.
+
+    The row at the pole itself counts as at a third of a row's distance: bilinear radiance shows it up to the next row.
+    """
+    step = pi / (height - 1)
+    sine = torch.sin(torch.arange(height // 2, dtype=torch.float64) * step)
+    narrow = max(1, int((sine < 2 * _BLUR * height / pi).sum()))
+    spread = _BLUR / sine[:narrow, None].clamp_min(sin(step / 3))
+    frequency = torch.arange(height + 1, dtype=torch.float64)
+    return torch.exp(-0.5 * (frequency * spread).square()).float().to(device)
+
+
+@lru_cache(maxsize=16)
+@lasting
+def _projection(zone: Zone, lines: int, device: str) -> Tensor:
+    return zone.light_projection(lines).to(device)

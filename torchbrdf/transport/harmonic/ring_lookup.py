@@ -1,0 +1,181 @@
+"""From rings of normals to the pixels of a view: averages over each pixel's area of the reflectance map.
+
+A view of an orthographic camera sees the same radiance wherever it sees the same normal. Here its pixels become sums
+over places on the rings of `harmonic_grid`: splines across the rings, linear interpolation along them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.transport.harmonic.grid import Zone
+from torchbrdf.transport.harmonic.splines import SUPPORT
+from torchbrdf.view import View
+
+_POINTS = (10, 16, 24)
+"""Gauss points along a side of a pixel: the first for those of a sphere, more where normals vary more inside."""
+
+_SPREAD = 0.05
+"""How far apart the normals of a pixel may be on the disc of a sphere of radius 1, for the first number of points."""
+
+_CHUNK = 256
+_ORTHOGRAPHIC = 1e-6
+
+
+@dataclass(frozen=True)
+class GroupLookup:
+    """Sums over the places of one group of rings, for the pixels start, ..., start + Q - 1 in order of their normals.
+
+    places   (N,) int32: of channel c and ring g of G, (3 a + c) G + g, with a of `place_of`
+    offsets  (3 Q,) int32: where the places of each pixel's channels start
+    weights  (N,) float32
+    """
+
+    start: int
+    places: Tensor
+    offsets: Tensor
+    weights: Tensor
+
+    @property
+    def pixels(self) -> slice:
+        """The pixels that see the group."""
+        return slice(self.start, self.start + len(self.offsets) // 3)
+
+
+@dataclass(frozen=True)
+class RingLookup:
+    """rank (P,) int64: of the view's pixels by polar angle of their normals; groups None where no pixel sees them."""
+
+    rank: Tensor
+    groups: tuple[GroupLookup | None, ...]
+
+    @staticmethod
+    def build(view: View, groups: Sequence[tuple[Zone, range, int]]) -> "RingLookup":
+        """For groups given by zone, rings and places along a ring. The view must not be `unsuited`."""
+        points = _Points.of(view)
+        found = []
+        of_zone: dict[int, tuple[Tensor, Tensor]] = {}
+        for zone, rings, places in groups:
+            if zone.index not in of_zone:
+                first, across = zone.ring_splines(points.gamma)
+                of_zone[zone.index] = (first, across * points.share[:, None])
+            dual = zone.ring_dual[:, rings.start : rings.stop]
+            found.append(_group(points, *of_zone[zone.index], dual, places))
+        return RingLookup(points.rank, tuple(found))
+
+    def to(self, device: torch.device | str) -> "RingLookup":
+        """On another device."""
+        groups = [
+            g and GroupLookup(g.start, g.places.to(device), g.offsets.to(device), g.weights.to(device))
+            for g in self.groups
+        ]
+        return RingLookup(self.rank.to(device), tuple(groups))
+
+
+def unsuited(view: View) -> str | None:
+    """Why the harmonic transport cannot render a view; None where it can."""
+    if type(view).visibility is not View.visibility:
+        return f"{view!r} may shade itself"
+    toward = view.view_dirs[:, view.mask[0]]
+    if not bool((toward[2] > 1 - _ORTHOGRAPHIC).all()):
+        return f"the camera of {view!r} is not orthographic along -Z"
+    return None
+
+
+def place_of(azimuth: Tensor, places: int) -> Tensor:
+    """Where the azimuth (n + 1/2) 2 pi / A stands among the A places of a ring.
+
+    Its quarters hold the angles t of the first quadrant, then -t, pi + t and pi - t.
+    """
+    quarter = places // 4
+    mirrored = torch.where(azimuth % (2 * quarter) < quarter, azimuth % quarter, quarter - 1 - azimuth % quarter)
+    block = torch.tensor([0, 3, 2, 1])[azimuth // quarter]
+    return block * quarter + mirrored
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Points inside the pixels of a view, pixel by pixel.
+
+    rank          (P,) int64: of the pixels by polar angle of their normals
+    pixel         (N,) int64: its rank
+    gamma, alpha  (N,) float64: polar angle and azimuth of the normal
+    share         (N,) of the pixel's area
+    """
+
+    rank: Tensor
+    pixel: Tensor
+    gamma: Tensor
+    alpha: Tensor
+    share: Tensor
+
+    @staticmethod
+    def of(view: View) -> "_Points":
+        """More of them in pixels whose normals vary more."""
+        pixels = view.pixels.cpu()
+        corners = _normals_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
+        rank = torch.argsort(torch.argsort(corners[2].mean(1), descending=True))
+        spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
+        tier = torch.bucketize(spread, torch.tensor([_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]))
+        parts = []
+        for index, n in enumerate(_POINTS):
+            node, weight = np.polynomial.legendre.leggauss(n)
+            some = torch.nonzero(tier == index).ravel()
+            x, y, z = _normals_at(view, pixels[some], torch.tensor((node + 1) / 2)).flatten(1)
+            angles = torch.atan2(torch.hypot(x, y), z).clamp(0, pi / 2), torch.atan2(y, x)
+            weights = torch.tensor(np.outer(weight, weight).ravel() / 4).repeat(len(some))
+            weights = torch.where(z > 0, weights, 0)  # a normal that faces away is dark
+            parts.append((rank[some].repeat_interleave(n * n), *angles, weights))
+        pixel, gamma, alpha, share = (torch.cat(part) for part in zip(*parts, strict=True))
+        by_pixel = torch.argsort(pixel, stable=True)
+        return _Points(rank, pixel[by_pixel], gamma[by_pixel], alpha[by_pixel], share[by_pixel])
+
+
+def _normals_at(view: View, pixels: Tensor, at: Tensor) -> Tensor:
+    """(3, Q, n n) float64: normals at a grid of places inside pixels, in [0, 1) along both sides."""
+    v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
+    return view.surface(pixels, u, v).normals.double()
+
+
+def _group(points: _Points, first: Tensor, across: Tensor, dual: Tensor, places: int) -> GroupLookup | None:
+    """One group, from each point's first spline (N,) and its four values (N, 4).
+
+    dual  (rings, G): the group's columns
+    """
+    touched = torch.nonzero((dual != 0).any(1)).ravel()
+    near = torch.nonzero((first <= touched[-1]) & (first + SUPPORT > touched[0])).ravel()
+    if not len(near):
+        return None
+    n_rings = dual.shape[1]
+    start, stop = int(points.pixel[near[0]]), int(points.pixel[near[-1]]) + 1
+    rows: list[Tensor] = []
+    columns: list[Tensor] = []
+    values: list[Tensor] = []
+    for low_pixel in range(start, stop, _CHUNK):
+        ends = torch.searchsorted(points.pixel[near], torch.tensor([low_pixel, low_pixel + _CHUNK]))
+        some = near[ends[0] : ends[1]]
+        by_ring = torch.einsum("nk,nkg->ng", across[some], dual[first[some, None] + torch.arange(SUPPORT)])
+        position = torch.remainder(points.alpha[some] * (places / (2 * pi)) - 0.5, places)
+        low = position.floor()
+        part = (position - low)[:, None]
+        present, index = torch.unique_consecutive(points.pixel[some], return_inverse=True)
+        total = torch.zeros(len(present) * places, n_rings, dtype=torch.float64)
+        for step, share in ((0, 1 - part), (1, part)):
+            azimuth = (low.long() + step) % places
+            total.index_add_(0, index * places + place_of(azimuth, places), by_ring * share)
+        total = total.view(len(present), places * n_rings)
+        row, column = torch.nonzero(total, as_tuple=True)
+        for found, more in ((rows, present[row]), (columns, column), (values, total[row, column])):
+            found.append(more)
+    row, place, value = torch.cat(rows), torch.cat(columns), torch.cat(values).float()
+    azimuth, ring = place // n_rings, place % n_rings
+    channels = torch.arange(3)[:, None]
+    bag = 3 * (row - start) + channels
+    order = torch.argsort(bag.ravel(), stable=True)
+    all_places = ((3 * azimuth + channels) * n_rings + ring).ravel()[order]
+    offsets = torch.searchsorted(bag.ravel()[order], torch.arange(3 * (stop - start)))
+    return GroupLookup(start, all_places.int(), offsets.int(), value.repeat(3)[order])

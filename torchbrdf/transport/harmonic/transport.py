@@ -1,0 +1,165 @@
+"""Basis images by precomputed transport: a new light probe costs a Fourier transform and some matrix products.
+
+For an orthographic camera the radiance on a ring of equal polar angles of the normal is a convolution over azimuth of
+the light with the ring's kernel. `harmonic_kernels` holds the kernels, compressed, once per library;
+`light_harmonics` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import pi
+
+import torch
+from torch import Tensor
+from torch.nn.functional import embedding_bag
+
+from torchbrdf.lasting import lasting
+from torchbrdf.transport.harmonic._kernels import Kernels
+from torchbrdf.transport.harmonic.grid import zones
+from torchbrdf.transport.harmonic.light import LightHarmonics
+from torchbrdf.transport.harmonic.ring_lookup import RingLookup
+from torchbrdf.view import View
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicTransport:
+    """The light-independent side of the basis images of one library.
+
+    groups  of rings, of all zones
+    """
+
+    groups: tuple[Kernels, ...]
+    _lookups: dict[str, RingLookup] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        """Size."""
+        return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings)"
+
+    @lasting
+    def lookup(self, view: View) -> RingLookup:
+        """How the view's pixels see the rings; remembered for the last few views."""
+        key = view.fingerprint
+        if key not in self._lookups:
+            while len(self._lookups) >= 4:
+                self._lookups.pop(next(iter(self._lookups)))
+            all_zones = zones()
+            shapes = []
+            for group in self.groups:
+                zone = all_zones[group.zone]
+                shapes.append((zone, range(group.first_ring, group.first_ring + group.n_rings), group.places))
+            self._lookups[key] = RingLookup.build(view, shapes).to(self.device)
+        return self._lookups[key]
+
+    @property
+    def device(self) -> torch.device:
+        """Where the kernels are."""
+        return self.groups[0].mixing.device
+
+    def packed(self, light: LightHarmonics, view: View, columns: Tensor | None = None) -> Tensor:
+        """(n, 3, P) float32: basis images under a light, differentiable in it.
+
+        columns  (n,)  of the library, in order; None for all
+        """
+        n = self.groups[0].mixing.shape[0] if columns is None else len(columns)
+        image = torch.zeros(n, 3 * len(view.pixels), device=self.device)
+        for group, pixels, mixtures in self._seen(light, view):
+            mixing = group.mixing if columns is None else group.mixing[columns]
+            image[:, 3 * pixels.start : 3 * pixels.stop].addmm_(mixing, mixtures.T)
+        return self._in_place(image, view)
+
+    def blended(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
+        """(C, 3, P) float32: images of C combinations of the library's columns, for weights (n, C).
+
+        They are combined before anything is done for pixels: a fraction of the cost of `packed`.
+        """
+        blend = weights.to(self.device, torch.float32)
+        image = torch.zeros(weights.shape[1], 3 * len(view.pixels), device=self.device)
+        for _, pixels, blends in self._seen(light, view, blend):
+            image[:, 3 * pixels.start : 3 * pixels.stop] += blends.T
+        return self._in_place(image, view)
+
+    def _seen(
+        self, light: LightHarmonics, view: View, blend: Tensor | None = None
+    ) -> Iterator[tuple[Kernels, slice, Tensor]]:
+        """Every group of rings, the pixels that see it, and its mixtures (3 Q, R) there or their blends (3 Q, C)."""
+        contained = [frequencies_of(coefficients) for coefficients, _ in light]
+        for group, seen in zip(self.groups, self.lookup(view).groups, strict=True):
+            if seen is None:
+                continue
+            mixes = None if blend is None else group.mixes(blend)
+            rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes))
+            yield group, seen.pixels, embedding_bag(
+                seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights
+            )
+
+    def _in_place(self, image: Tensor, view: View) -> Tensor:
+        """(C, 3 P), pixels in order of their normals -> (C, 3, P) in the view's order."""
+        rank = self.lookup(view).rank
+        return image.view(len(image), -1, 3).transpose(1, 2).gather(2, rank.expand(len(image), 3, -1))
+
+    def to(self, device: torch.device | str) -> "HarmonicTransport":
+        """On another device."""
+        return HarmonicTransport(tuple(group.to(device) for group in self.groups))
+
+
+def frequencies_of(light: Tensor) -> int:
+    """How many azimuth frequencies (M, 6, elevations) hold all of the light but 1 / 30,000 of its amplitude.
+
+    All of them where gradients are wanted: they tell what the others would change.
+    """
+    if light.requires_grad:
+        return len(light)
+    energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((1, 2))
+    above = energy.flip(0).cumsum(0).flip(0) > 1e-9 * energy.sum()
+    return max(1, int(above.sum()))
+
+
+def spectrum(
+    group: Kernels, light: tuple[Tensor, Tensor], contained: int, mixes: Sequence[tuple[Tensor, Tensor]] | None = None
+) -> Tensor:
+    """(M, 2, 3, G, R) or (M, 2, 3, G, C): series of the mixtures' radiance along the rings, or of blends of them.
+
+    2 for real and imaginary parts, 3 for the channels of the light
+    contained  frequencies of the light; M is at most that
+    mixes      of every band, to blends instead of mixtures: (r, C) for the even and (s, C) for the odd part
+    """
+    mixes = mixes or [(band.mix_even, band.mix_odd) for band in group.bands]
+    parts = []
+    for band, mix in zip(group.bands, mixes, strict=True):
+        if band.low >= contained:
+            break
+        count = min(len(band.even), contained - band.low)
+        frequencies = slice(band.low, band.low + count)
+        rows = slice(group.first_row, group.first_row + band.even.shape[1])
+        even, odd = (
+            torch.bmm(side[frequencies, :, rows], kernels[:count]).view(6 * count * group.n_rings, len(part))
+            for side, kernels, part in zip(light, (band.even, band.odd), mix, strict=True)
+        )
+        parts.append((even @ mix[0]).addmm_(odd, mix[1]))
+    series = torch.cat(parts)
+    return series.view(-1, 2, 3, group.n_rings, series.shape[1])
+
+
+def _rings(group: Kernels, series: Tensor) -> Tensor:
+    """(A 3 G, R): radiance of the mixtures at the places along the rings; channel and ring after the place."""
+    real, imaginary = series.flatten(2).unbind(1)
+    waves = _quarter_series(len(series), group.places, str(series.device))
+    terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
+    e, d, s, u = (matrix @ term for matrix, term in zip(waves, terms, strict=True))
+    p, q, r, t = e + d, s + u, e - d, s - u
+    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, series.shape[-1])
+
+
+@lru_cache(maxsize=64)
+@lasting
+def _quarter_series(n_frequencies: int, places: int, device: str) -> tuple[Tensor, ...]:
+    """(A / 4, M / 2) each: cosines of even and of odd frequencies, then minus the sines, at a quarter of the places.
+
+    The other three quarters of the circle mirror the first (`ring_lookup.place_of`).
+    """
+    angle = (torch.arange(places // 4, dtype=torch.float64)[:, None] + 0.5) * (2 * pi / places)
+    frequency = torch.arange(n_frequencies)
+    twice = torch.where(frequency == 0, 1.0, 2.0)
+    waves = (torch.cos(angle * frequency) * twice, -torch.sin(angle * frequency) * twice)
+    return tuple(wave[:, start::2].float().contiguous().to(device) for wave in waves for start in range(2))
