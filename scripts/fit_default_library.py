@@ -11,7 +11,6 @@ another seed. Deterministic, for any number of threads; an interrupted fit goes 
 called again.
 """
 
-import argparse
 import hashlib
 import json
 import math
@@ -49,6 +48,7 @@ from torchbrdf.brdf import (
     table_paths,
 )
 from torchbrdf.brdf.lobes import MODEL_VERSION, PARAMETER_NAMES, Parameters, evaluate_lobes, expand_row
+from torchbrdf.command_line import Parser
 from torchbrdf.files import cache_folder, writing
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -294,7 +294,7 @@ def expansion_seconds(parameters: Parameters) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("directory", type=Path, help="MERL *.binary tables")
     parser.add_argument("--output", type=Path, default=ROOT / "torchbrdf" / "default_library.safetensors")
     parser.add_argument(

@@ -30,7 +30,7 @@ import torch
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.command_line import RESUMABLE, exit_status
+from torchbrdf.command_line import BAD_INPUT, RESUMABLE, Parser, exit_status, fail
 from torchbrdf.experiments import (
     FORMAT,
     Target,
@@ -305,12 +305,12 @@ def run(options: argparse.Namespace) -> int:
             sheet(options.sheet, targets)
     problems = [problem for _, problem in made if problem is not None]
     for problem in problems:
-        print(f"make_targets: error: {problem}", file=sys.stderr)
-    return 2 if problems else 0
+        fail("make_targets", problem)
+    return BAD_INPUT if problems else 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--measured", type=Path, metavar="FOLDER", help="render the .bsdf files of this folder")
     parser.add_argument("--analytic", action="store_true", help=f"render {len(ANALYTIC)} analytic materials")
     parser.add_argument("--materials", nargs="+", metavar="NAME", help="only these of them")

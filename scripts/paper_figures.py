@@ -30,7 +30,7 @@ from leave_one_out import open_probes
 from make_targets import Material, measured_materials
 from paper.figures.leave_one_out import CANDIDATES, SPIKES, SPREAD, Drawing, figure_2, figure_3, figure_5
 from paper.figures.studio import Quality, Studio
-from torchbrdf.command_line import RESUMABLE, exit_status
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.files import writing
 from torchbrdf.mitsuba_startup import load_mitsuba
 
@@ -101,7 +101,7 @@ def write(folder: Path, figure: int, draw: Callable[[], Drawing]) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("figures", nargs="+", type=int, choices=(2, 3, 4, 5), help="which figures")
     parser.add_argument("--library", required=True, help="folder of MERL *.binary tables, or `default`")
     parser.add_argument("--probes", nargs="+", required=True, metavar="FILE", help="A B C: lat-long .exr or .hdr files")

@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable
-from typing import NoReturn
+from typing import NoReturn, Self
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -14,6 +14,11 @@ RESUMABLE = "interrupted; the same command goes on where it stopped"
 
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, as those of `exit_status`."""
+
+    @classmethod
+    def of_script(cls, text: str | None) -> Self:
+        """A parser whose help shows the docstring of a script as it stands."""
+        return cls(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
 
     def error(self, message: str) -> NoReturn:
         """Say it and leave with BAD_INPUT."""

@@ -26,7 +26,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation import (
     Explanation,
     ImageSpace,
@@ -318,7 +318,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", required=True, type=Path, help="folder of MERL *.binary tables")
     parser.add_argument("--targets", required=True, type=Path, help="folder that make_targets.py wrote")
     parser.add_argument("--tuning-probes", nargs="+", default=list(TUNING_PROBES), metavar="NAME")

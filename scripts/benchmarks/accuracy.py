@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.brdf import table_paths
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import (
     BASELINES,
     Experiment,
@@ -140,7 +140,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", type=Path, default=Path("targets"), help="folder that make_targets.py wrote")
     parser.add_argument("--merl-targets", type=Path, metavar="FOLDER", help="instead: *.binary tables to recover")
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
@@ -159,7 +159,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--figure-materials", nargs="+", default=[], metavar="NAME", help="of these; default: of all")
     options = parser.parse_args(argv)
-    return exit_status("benchmark_accuracy", run, options)
+    return exit_status("accuracy", run, options)
 
 
 if __name__ == "__main__":

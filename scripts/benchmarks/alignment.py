@@ -24,7 +24,7 @@ import torch
 
 import torchbrdf as tb
 from alignment_cases import align_case
-from torchbrdf.command_line import RESUMABLE, exit_status
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.experiments import SHARED, SweepInputs, Target, read_targets, sweep_options
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
@@ -125,7 +125,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--turned", type=Path, required=True, help="folder of targets made with --turned")
     parser.add_argument("--targets", type=Path, required=True, help="folder of the same targets, not turned")
     parser.add_argument("--probes", type=Path, default=SHARED / "probes", help="folder of the probes")
@@ -134,7 +134,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     sweep_options(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the cases and alignment.md")
-    return exit_status("benchmark_alignment", run, parser.parse_args(argv), RESUMABLE)
+    return exit_status("alignment", run, parser.parse_args(argv), RESUMABLE)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from torch import Tensor
 import torchbrdf as tb
 from precondition_cases import picture
 from torchbrdf.analytic import CellTransport, model_of
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import SHARED, Target, common_exposure, on_white, write_sheet
 from torchbrdf.rendering import render_tables
 
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL tables")
     parser.add_argument("--targets", type=Path, required=True, help="folder of scripts/make_targets.py")
     parser.add_argument("--probes", type=Path, default=SHARED / "probes", help="folder of the probes")

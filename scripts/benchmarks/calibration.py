@@ -33,7 +33,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation.classes import Mixture
 from torchbrdf.estimation.posterior import INFLATION, UNMODELLED
 from torchbrdf.experiments import (
@@ -348,7 +348,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", type=Path, default=Path("targets"), help="folder that make_targets.py wrote")
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
     parser.add_argument("--probes", nargs="+", type=Path, metavar="FILE", help="default: 7 of ../shared/data/probes")
@@ -358,7 +358,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--step", type=int, default=4, help="with --leave-out: every so many materials")
     parser.add_argument("--size", type=int, default=64, help="with --leave-out: pixels along a side")
-    return exit_status("benchmark_calibration", run, parser.parse_args(argv))
+    return exit_status("calibration", run, parser.parse_args(argv))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from torch.utils.data import BatchSampler, DataLoader, SequentialSampler
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import Restorer, relative
 from torchbrdf.learning import ReflectanceMaps, photograph_defects
 
@@ -120,13 +120,13 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--size", type=int, default=32, help="pixels along a side, a multiple of 4")
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 16, 64, 256])
     parser.add_argument("--workers", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--seconds", type=float, default=1.0, help="of each repeat")
     parser.add_argument("--repeats", type=int, default=5)
-    return exit_status("benchmark_dataset", run, parser.parse_args(argv))
+    return exit_status("dataset", run, parser.parse_args(argv))
 
 
 if __name__ == "__main__":

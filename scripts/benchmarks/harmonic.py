@@ -25,6 +25,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf import BRDFEstimator, LightProbe, MaterialClasses, MaterialLibrary, MeshView, NormalMapView, SphereView
+from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED
 from torchbrdf.rendering import render_basis
 from torchbrdf.transport import DEFAULT_SAMPLES
@@ -38,7 +39,7 @@ SAMPLES = (256, 1024, DEFAULT_SAMPLES)
 
 def main() -> None:
     """Print all tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--probes", nargs="+", default=PROBES, help="default or a file of the shared probes")
     parser.add_argument("--reference-samples", type=int, default=32768)

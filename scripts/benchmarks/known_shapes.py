@@ -35,6 +35,7 @@ from known_shapes_report import (
     write_scatter,
 )
 from known_shapes_scenes import PENALTIES, SHAPES, Judge, Judgement, Photographs, open_view, photograph
+from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED, few_normals, mesh_view
 from torchbrdf.rendering import render_tables
 from torchbrdf.transport import DEFAULT_SAMPLES
@@ -56,7 +57,7 @@ SHOWN = ("pink-fabric", "gold-metallic-paint2", "brass")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL *.binary tables")
     parser.add_argument("--shapes", type=Path, default=SHARED / "shapes", help="folder of the meshes")
     parser.add_argument("--probe", type=Path, default=SHARED / "probes" / "venice.exr", help="light of the photographs")

@@ -23,7 +23,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking")
 MOVE_S = 0.008
@@ -100,13 +100,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--pixels", type=int, default=128)
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--drags", type=int, default=3)
     parser.add_argument("--screenshot", type=Path)
-    return exit_status("benchmark_live", run, parser.parse_args())
+    return exit_status("live", run, parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from calibration import whole_without
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation.observability import observability
 from torchbrdf.experiments import default_probes, markdown_table, noisy_observations, open_probes
 
@@ -104,12 +104,12 @@ def run(options: argparse.Namespace) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
     parser.add_argument("--probes", nargs="+", type=Path, metavar="FILE", help="default: 7 of ../shared/data/probes")
     parser.add_argument("--step", type=int, default=8, help="every so many materials")
     parser.add_argument("--size", type=int, default=64, help="pixels along a side")
-    return exit_status("benchmark_observability", run, parser.parse_args(argv))
+    return exit_status("observability", run, parser.parse_args(argv))
 
 
 if __name__ == "__main__":

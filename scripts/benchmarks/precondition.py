@@ -24,7 +24,7 @@ from typing import Any, get_args
 
 from precondition_cases import precondition
 from torchbrdf.analytic import MODELS, Method
-from torchbrdf.command_line import RESUMABLE, exit_status
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.experiments import SHARED, SweepInputs, read_targets, sweep_options
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
@@ -179,7 +179,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", type=Path, required=True, help="folder of scripts/make_targets.py")
     parser.add_argument("--probes", type=Path, default=SHARED / "probes", help="folder of the probes")
     parser.add_argument("--observed", nargs="+", default=["uffizi", "apartment"], help="probes to photograph under")
@@ -192,7 +192,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the noise and of the random starts")
     sweep_options(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the cases and precondition.md")
-    return exit_status("benchmark_precondition", run, parser.parse_args(argv), RESUMABLE)
+    return exit_status("precondition", run, parser.parse_args(argv), RESUMABLE)
 
 
 if __name__ == "__main__":

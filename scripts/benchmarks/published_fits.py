@@ -20,7 +20,7 @@ import torchbrdf as tb
 from published_cases import compare_case
 from published_fit_files import FITS, published_files, read_published
 from torchbrdf.brdf import METRICS
-from torchbrdf.command_line import RESUMABLE, exit_status
+from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.experiments import sweep_options
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
@@ -98,12 +98,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, required=True, help="folder of MERL tables")
     parser.add_argument("--fits", type=Path, default=FITS, help="folder of .fit files")
     sweep_options(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the cases and published_fits.md")
-    return exit_status("benchmark_published_fits", run, parser.parse_args(argv), RESUMABLE)
+    return exit_status("published_fits", run, parser.parse_args(argv), RESUMABLE)
 
 
 if __name__ == "__main__":

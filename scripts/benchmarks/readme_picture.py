@@ -4,7 +4,6 @@ Run `python scripts/benchmarks/readme_picture.py`; it needs no data and writes d
 material is recovered from the other 99 of the embedded library, from one simulated photograph with noise.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import torchbrdf as tb
+from torchbrdf.command_line import Parser
 from torchbrdf.images import tone_map
 from torchbrdf.light import area_mean
 
@@ -59,7 +59,7 @@ def relative_error(got: Tensor, expected: Tensor) -> float:
 
 def main() -> None:
     """Recover, render and write the picture; print the errors."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser = Parser(description=main.__doc__)
     default = Path(__file__).resolve().parents[2] / "docs" / "figures" / "recovered.png"
     parser.add_argument("-o", "--output", type=Path, default=default)
     output: Path = parser.parse_args().output

@@ -18,7 +18,7 @@ import torch
 from tqdm import tqdm
 
 import torchbrdf as tb
-from torchbrdf.command_line import exit_status
+from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation import Penalty
 from torchbrdf.experiments import Experiment, default_probes, markdown_table, open_probes, read_targets
 from torchbrdf.files import writing
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--targets", required=True, type=Path, help="folder that make_targets.py wrote")
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary tables; default: the embedded library")
     parser.add_argument("--noise", type=float, default=0.0, help="in %% of every pixel")

@@ -9,7 +9,6 @@ hundred times as large, by both. For the transport only rounding may change with
 means falls as its offset shrinks against the mesh. With --fine the transport also takes more points a pixel.
 """
 
-import argparse
 import tempfile
 import warnings
 from dataclasses import replace
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import torchbrdf as tb
+from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED
 from torchbrdf.mitsuba_backend import MitsubaScene
 from torchbrdf.view import TriangleMesh, mesh_view
@@ -29,7 +29,7 @@ OFFSET = 9e-5
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--samples", type=int, default=65536, help="of Mitsuba, a pixel")
     parser.add_argument("--fine", type=int, nargs="+", default=[16], help="points along a side of a pixel")

@@ -15,7 +15,6 @@ the relative RMS difference of the fitted image and of a re-rendering under anot
 degrees) to the row that the part calls its reference.
 """
 
-import argparse
 import statistics
 import subprocess
 import sys
@@ -31,6 +30,7 @@ from torch import Tensor
 import torchbrdf as tb
 from solver_scene import Row, Scene
 from torchbrdf.brdf import N_CELLS
+from torchbrdf.command_line import Parser
 from torchbrdf.estimation import PAPER_PENALTY, Explanation, ImageSpace, Penalty, PriorBank, Reconstruction, image_space
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge
 from torchbrdf.transport import plan_transport
@@ -318,7 +318,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--probe", type=Path, help="lat-long image; default: the built-in light")
     parser.add_argument("--size", type=int, default=64)

@@ -6,7 +6,6 @@ Prints one row a table: the relative difference of the table that the browser's 
 metric, and beside it that of a table folded to phi_d in [0, 90] degrees, as mirror symmetry would have it.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import torch
 
 from torchbrdf.brdf import GRID, METRICS, MerlTable, brdf_texture, cell_difference
 from torchbrdf.brdf.texture import LAYERS
+from torchbrdf.command_line import Parser
 
 
 def from_texture(table: MerlTable) -> MerlTable:
@@ -38,7 +38,7 @@ def folded(table: MerlTable) -> MerlTable:
 
 def main() -> None:
     """See the module."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("tables", type=Path, nargs="+")
     print("| material |" + "".join(f" {metric} |" for metric in METRICS) + "".join(f" folded, {m} |" for m in METRICS))
     print("|---|" + "---:|" * (2 * len(METRICS)))

@@ -15,7 +15,6 @@ second table of every scene holds the means of (a), (b) and (c) over its own: a 
 Seconds: the whole basis, by the clock, after a warm-up; for (a) 300 times the mean over the materials.
 """
 
-import argparse
 import statistics
 import time
 import warnings
@@ -30,6 +29,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf import BasisImages, LightProbe, MaterialLibrary, MerlTable, MeshView, SphereView, View, render_basis
+from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED
 from torchbrdf.images import relative_rms
 from torchbrdf.mitsuba_backend import MitsubaScene
@@ -74,7 +74,7 @@ class Reference:
 
 def main() -> None:
     """Print the tables, draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--probes", nargs="+", default=["default", "uffizi.hdr", "grace.hdr"], help="default or a file")
     parser.add_argument("--shapes", nargs="+", default=["sphere", "bunny"], choices=["sphere", "bunny"])

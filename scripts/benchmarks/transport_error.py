@@ -9,7 +9,6 @@ basis image: sqrt(sum of squared differences / sum of squares) over pixels and R
 repeats after a warm-up, sampling included, by the clock and of processor time; other load lengthens the first.
 """
 
-import argparse
 import statistics
 import time
 from pathlib import Path
@@ -18,6 +17,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf import LightProbe, MaterialLibrary, SphereView, render_basis
+from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -27,7 +27,7 @@ REFERENCE_SEED = 12345
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--probes", type=Path, nargs="*", help="probe files; default: grace, ennis, uffizi if there")
     parser.add_argument("--samples", type=int, nargs="+", default=[1024, 2048, DEFAULT_SAMPLES])

@@ -8,7 +8,6 @@ images, two seeds, over those of the transport with 16384 samples. Each entry: t
 error that the two seeds tell. Only the columns of the six materials are gathered.
 """
 
-import argparse
 import warnings
 from math import sqrt
 from pathlib import Path
@@ -17,13 +16,14 @@ import torch
 from tqdm import tqdm
 
 from torchbrdf import LightProbe, MaterialLibrary, MeshView, SphereView, View, render_basis
+from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED
 from transport import MATERIALS, open_probe, own_colours
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser.of_script(__doc__)
     parser.add_argument("--library", type=Path, help="directory of MERL files; default: the embedded library")
     parser.add_argument("--probes", nargs="+", default=["default", "uffizi.hdr", "grace.hdr"], help="default or a file")
     parser.add_argument("--shapes", nargs="+", choices=["sphere", "bunny"], default=["sphere", "bunny"])

@@ -11,6 +11,7 @@ from probes import probe_of
 from torchbrdf.alignment.alignment import align
 from torchbrdf.alignment.learned_rotation import LearnedRotation
 from torchbrdf.brdf.library import MaterialLibrary
+from torchbrdf.lasting import LastFew
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.transport.harmonic import cache as harmonic_cache
 from torchbrdf.transport.harmonic.basis import HarmonicBasis
@@ -189,7 +190,7 @@ def test_after_an_alignment_without_gradients(
     precomputed_library: MaterialLibrary, photographs: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What `align` keeps for later in `torch.inference_mode` enters graphs later."""
-    monkeypatch.setattr(harmonic_cache, "_in_memory", {})
+    monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
     forget()
     try:
         with torch.inference_mode():

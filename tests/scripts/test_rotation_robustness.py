@@ -14,6 +14,7 @@ import torch
 import torchbrdf as tb
 from coarse_grids import COARSE
 from paper.rotation import results as rotation_results
+from torchbrdf.lasting import LastFew
 from torchbrdf.transport.harmonic import cache as harmonic_cache
 
 NAMES = ("red", "satin-0.5", "plastic-0.1", "steel-0.15")
@@ -140,7 +141,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         for name, value in COARSE.items():
             patch.setattr(name, value)
         patch.setenv("TORCHBRDF_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(harmonic_cache, "_in_memory", {})
+        patch.setattr(harmonic_cache, "_in_memory", LastFew(2))
         yield
 
 

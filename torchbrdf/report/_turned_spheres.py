@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import MerlTable, brdf_texture
-from torchbrdf.images import stops_for
+from torchbrdf.images import LUMINANCE, stops_for
 from torchbrdf.rendering import render_directional
 from torchbrdf.report._figures import CHANNEL_COLOURS, DIVERGING, diverging_css, sequential_css
 from torchbrdf.report._pictures import ball
@@ -108,7 +108,8 @@ class TurnedSpheres:
             '<p class="caution" id="problem" role="alert" hidden></p>',
             f'<div id="turn" class="{"three" if len(figures) <= 3 else "four"}" data-gain="{self.gain}" '
             f'data-light="{",".join(str(value) for value in LIGHT)}" data-range="{DIFFERENCE_RANGE}" '
-            f'data-texture="{width},{height},{depth}" data-colours="{colours}">'
+            f'data-texture="{width},{height},{depth}" data-colours="{colours}" '
+            f'data-luminance="{",".join(map(str, LUMINANCE))}">'
             f"{''.join(figures)}{_controls(self.names[0], '' if few else ' wide')}</div>",
             *texts,
         )

@@ -14,7 +14,7 @@ import torch
 
 from torchbrdf.estimation import Observability
 from torchbrdf.files import writing
-from torchbrdf.images import exposure_for, stops_for
+from torchbrdf.images import LUMINANCE, exposure_for, stops_for
 from torchbrdf.report._candidates import classes_section
 from torchbrdf.report._figures import (
     CHANNEL_COLOURS,
@@ -56,7 +56,7 @@ _SAMPLES = 400
 _THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
 _N_WEIGHTS = 12
 _MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
-_LUMINANCE = torch.tensor([0.2126, 0.7152, 0.0722])[:, None, None]
+_LUMINANCE = torch.tensor(LUMINANCE)[:, None, None]
 
 
 def write_report(

@@ -23,6 +23,7 @@ from paper.figures.light import Light
 from torchbrdf.brdf import GRID, N_CELLS, above_horizon
 from torchbrdf.experiments import BASELINES, Setting, noisy_observations
 from torchbrdf.files import writing
+from torchbrdf.lasting import LastFew
 from torchbrdf.rendering import render_tables
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -84,7 +85,7 @@ class Studio:
         self.photographed, self.shown = tb.SphereView(quality.size), tb.SphereView(quality.tile)
         self._bases: dict[tuple[str, str], tb.BasisImages] = {}
         self._classes: dict[tuple[tuple[str, ...], str], tb.MaterialClasses] = {}
-        self._estimators: dict[tuple[tuple[str, ...], str, str], tb.BRDFEstimator] = {}
+        self._estimators: LastFew[tuple[tuple[str, ...], str, str], tb.BRDFEstimator] = LastFew(_ESTIMATORS)
 
     def basis(self, probe: tb.LightProbe, view: tb.SphereView) -> tb.BasisImages:
         """Of the whole library, made once."""
@@ -118,15 +119,15 @@ class Studio:
     def estimator(self, library: tb.MaterialLibrary, probe: tb.LightProbe, setting: Setting) -> tb.BRDFEstimator:
         """Of photographs under a probe as the user has it; the last few are kept."""
         key = library.names, probe.fingerprint, repr(setting.arguments)
-        if key not in self._estimators:
+
+        def made() -> tb.BRDFEstimator:
             grouping = library.names, repr(setting.classes)
             if grouping not in self._classes:
                 self._classes[grouping] = tb.MaterialClasses.fit(library, **setting.classes)
             basis = self.basis(probe, self.photographed).subset(library.names)
-            while len(self._estimators) >= _ESTIMATORS:
-                del self._estimators[next(iter(self._estimators))]
-            self._estimators[key] = tb.BRDFEstimator(basis, self._classes[grouping], **setting.estimator)
-        return self._estimators[key]
+            return tb.BRDFEstimator(basis, self._classes[grouping], **setting.estimator)
+
+        return self._estimators.get_or_make(key, made)
 
     def weights(self, found: Tensor, names: Sequence[str]) -> Tensor:
         """(n, 3) float64 over the whole library, of weights (3 len(names), 3) over some of its materials."""

@@ -18,6 +18,7 @@ from safetensors.torch import save_file
 
 from coarse_grids import COARSE
 from torchbrdf.brdf.library import MaterialLibrary
+from torchbrdf.lasting import LastFew
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
 from torchbrdf.transport.harmonic import cache as harmonic_cache
@@ -35,7 +36,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name, value in COARSE.items():
         monkeypatch.setattr(name, value)
     monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(harmonic_cache, "_in_memory", {})
+    monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def library(materials: Path) -> MaterialLibrary:
 @pytest.fixture
 def forget(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Start as another process would: nothing in memory."""
-    return lambda: monkeypatch.setattr(harmonic_cache, "_in_memory", {})
+    return lambda: monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
 
 
 @pytest.fixture

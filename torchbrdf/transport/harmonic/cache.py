@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from torchbrdf.brdf import MaterialLibrary, StoredColumns, column_norms
 from torchbrdf.files import cache_folder, check_room, writing
-from torchbrdf.lasting import lasting
+from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._kernels import Band, Kernels, compute_group, kernel_settings
 from torchbrdf.transport.harmonic.grid import settings, zones
 from torchbrdf.transport.harmonic.transport import HarmonicTransport
@@ -33,8 +33,7 @@ _HEADROOM = 600e6
 _SUMMED = 256
 """Values of a block of the checksum."""
 
-_in_memory: dict[str, HarmonicTransport] = {}
-_REMEMBERED = 2
+_in_memory: LastFew[str, HarmonicTransport] = LastFew(2)
 
 
 @lasting
@@ -45,18 +44,15 @@ def transport_of(library: MaterialLibrary, progress: bool = False) -> HarmonicTr
     Raises OSError where the disk has no room for it.
     """
     stored, device = library.stored, library.stored.columns.device
-    key = f"{stored.fingerprint} {device}"
-    if key not in _in_memory:
+
+    def opened() -> HarmonicTransport:
         if stored.mapping is not None or _path(stored).is_file():
             found = _from_disk(stored, progress)
         else:
             found = _assembled(stored, None, progress)
-        if device.type != "cpu":
-            found = found.to(device)
-        while len(_in_memory) >= _REMEMBERED:
-            _in_memory.pop(next(iter(_in_memory)))
-        _in_memory[key] = found
-    return _in_memory[key]
+        return found if device.type == "cpu" else found.to(device)
+
+    return _in_memory.get_or_make(f"{stored.fingerprint} {device}", opened)
 
 
 def is_precomputed(library: MaterialLibrary) -> bool:

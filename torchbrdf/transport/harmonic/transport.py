@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from torchbrdf.lasting import lasting
+from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._kernels import Kernels
 from torchbrdf.transport.harmonic.grid import zones
 from torchbrdf.transport.harmonic.light import LightHarmonics
@@ -30,7 +30,7 @@ class HarmonicTransport:
     """
 
     groups: tuple[Kernels, ...]
-    _lookups: dict[str, RingLookup] = field(default_factory=dict, repr=False)
+    _lookups: LastFew[str, RingLookup] = field(default_factory=lambda: LastFew(4), repr=False)
 
     def __repr__(self) -> str:
         """Size."""
@@ -39,17 +39,15 @@ class HarmonicTransport:
     @lasting
     def lookup(self, view: View) -> RingLookup:
         """How the view's pixels see the rings; remembered for the last few views."""
-        key = view.fingerprint
-        if key not in self._lookups:
-            while len(self._lookups) >= 4:
-                self._lookups.pop(next(iter(self._lookups)))
-            all_zones = zones()
-            shapes = []
-            for group in self.groups:
-                zone = all_zones[group.zone]
-                shapes.append((zone, range(group.first_ring, group.first_ring + group.n_rings), group.places))
-            self._lookups[key] = RingLookup.build(view, shapes).to(self.device)
-        return self._lookups[key]
+        return self._lookups.get_or_make(view.fingerprint, lambda: self._lookup_of(view))
+
+    def _lookup_of(self, view: View) -> RingLookup:
+        all_zones = zones()
+        shapes = []
+        for group in self.groups:
+            zone = all_zones[group.zone]
+            shapes.append((zone, range(group.first_ring, group.first_ring + group.n_rings), group.places))
+        return RingLookup.build(view, shapes).to(self.device)
 
     @property
     def device(self) -> torch.device:
