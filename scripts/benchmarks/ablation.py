@@ -27,16 +27,8 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.command_line import Parser, exit_status
-from torchbrdf.estimation import (
-    Explanation,
-    ImageSpace,
-    Penalty,
-    PriorBank,
-    image_space,
-    prior_variances,
-    priors as prior_bank,
-    residual_scale,
-)
+from torchbrdf.estimation import ImageSpace, Penalty, image_space, residual_scale
+from torchbrdf.estimation.priors import Explanation, PriorBank, bank, neighbourhoods, prior_variances, whole_library
 from torchbrdf.experiments import (
     check_document,
     default_probes,
@@ -114,7 +106,7 @@ def cross_validated(every_pixel: bool) -> Rule:
 class Variation:
     """One thing changed.
 
-    constants   name -> value in torchbrdf.estimation.priors or torchbrdf.estimation.image_space
+    constants   name -> value in torchbrdf.estimation.image_space or in a module of torchbrdf.estimation.priors
     rule        how priors and penalties are weighed
     own         a neighbourhood around the photograph itself is added for every photograph
     photograph  residuals are divided by photograph + 0.3 mean instead of the mean basis image
@@ -163,7 +155,7 @@ def changed(constants: Mapping[str, object]) -> Iterator[None]:
     """Other values for constants of the package."""
     with contextlib.ExitStack() as stack:
         for name, value in constants.items():
-            module = image_space if hasattr(image_space, name) else prior_bank
+            module = next(one for one in (image_space, bank, neighbourhoods, whole_library) if hasattr(one, name))
             stack.enter_context(mock.patch.object(module, name, value))
         yield
 
@@ -195,7 +187,7 @@ def own_bank(space: ImageSpace, variances: Tensor, y: Tensor) -> PriorBank:
     coordinates, energy = space.project(y[None])
     cosine = torch.einsum("sr,srn->sn", coordinates[0], space.r) / (energy[0][:, None] * space.energy).sqrt()
     angles = torch.acos(cosine.clamp(-1, 1)).mean(0)
-    own = torch.exp(-((angles / prior_bank.REACH) ** 2)) * variances[K + 1]
+    own = torch.exp(-((angles / neighbourhoods.REACH) ** 2)) * variances[K + 1]
     return PriorBank.of(space, torch.cat([variances, own[None] / own.mean()]))
 
 

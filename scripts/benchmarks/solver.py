@@ -31,7 +31,8 @@ import torchbrdf as tb
 from solver_scene import Row, Scene
 from torchbrdf.brdf import N_CELLS
 from torchbrdf.command_line import Parser
-from torchbrdf.estimation import PAPER_PENALTY, Explanation, ImageSpace, Penalty, PriorBank, Reconstruction, image_space
+from torchbrdf.estimation import PAPER_PENALTY, ImageSpace, Penalty, Reconstruction, image_space
+from torchbrdf.estimation.priors import Explanation, PriorBank
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge
 from torchbrdf.transport import plan_transport
 

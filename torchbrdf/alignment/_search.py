@@ -12,7 +12,8 @@ from math import log, radians
 import torch
 from torch import Tensor
 
-from torchbrdf.estimation import Explanation, ImageSpace, PriorBank, prior_variances, redundancy, residual_scale
+from torchbrdf.estimation import ImageSpace, residual_scale
+from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances, redundancy
 from torchbrdf.light import LightProbe, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import HarmonicBasis

@@ -18,7 +18,8 @@ from torchbrdf.alignment._search import RotationSearch, Summit, Trial
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.settings import Range
 from torchbrdf.brdf import MaterialLibrary
-from torchbrdf.estimation import check_observation, farthest_points, image_angles
+from torchbrdf.estimation import check_observation
+from torchbrdf.estimation.priors import farthest_points, image_angles
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import HarmonicBasis, unsuited

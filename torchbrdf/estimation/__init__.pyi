@@ -11,14 +11,6 @@ from .observability import (
     Observability as Observability,
 )
 from .posterior import Posterior as Posterior
-from .priors import (
-    Explanation as Explanation,
-    PriorBank as PriorBank,
-    farthest_points as farthest_points,
-    image_angles as image_angles,
-    prior_variances as prior_variances,
-    redundancy as redundancy,
-)
 from .reconstruction import Reconstruction as Reconstruction
 from .settings import (
     CONSTRAINTS as CONSTRAINTS,

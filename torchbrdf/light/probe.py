@@ -22,7 +22,7 @@ from torchbrdf.light._blur import blur
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.light._sampling import ImportanceTables
 from torchbrdf.light.latlong import bilinear, fill_invalid, resize, rotate, row_solid_angles
-from torchbrdf.light.layouts import angular_map_to_latlong, mirror_ball_to_latlong, pixels_in_disc
+from torchbrdf.light.layouts import layout_of
 from torchbrdf.light.rotations import checked_rotation
 from torchbrdf.light.settings import Layout
 
@@ -75,9 +75,9 @@ class LightProbe:
         _, h, w = image.shape
         if h != w or h < 4:
             raise ValueError(f"{name} must be square for {layout=}, got {h} x {w}; crop it to the disc")
-        image = _checked_values(image, pixels_in_disc(h, layout).double(), repair, name)
-        convert = angular_map_to_latlong if layout == "angular" else mirror_ball_to_latlong
-        return cls(convert(image, _checked_height(h // 2 if height is None else height)), name=name)
+        disc = layout_of(layout)
+        image = _checked_values(image, disc.pixels(h).double(), repair, name)
+        return cls(disc.to_latlong(image, _checked_height(h // 2 if height is None else height)), name=name)
 
     @classmethod
     def default(cls, height: int = 128) -> LightProbe:

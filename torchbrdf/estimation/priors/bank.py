@@ -1,4 +1,4 @@
-"""Priors of the weights, and how well each explains a photograph.
+"""The bank of all priors, factored, and how well each explains a photograph.
 
 A prior says w ~ N(a mu, tau^2 diag(S)): materials look like a scaled mean, and deviate by some basis BRDFs more than
 by others. [CBP21] has one for each class; here are the classes, the whole library, and neighbourhoods of materials
@@ -35,61 +35,13 @@ every prior is wrong, and in the same way at every pixel. Also in docs/ablation.
 NOISE_FLOOR = 0.003
 """Basis images and photographs are wrong by at least this share, however well they agree."""
 
-POWERS = (0.0, 0.25, 0.5)
-"""p of S = |b_i|^(-2 p), so that BRDFs with high peaks may deviate less: of the whole library and of neighbourhoods."""
-
-NEIGHBOURHOODS = 10
-"""Neighbourhoods at most: those around materials that are farthest from all before."""
-
-REACH = 0.2
-"""Radians between weighted basis images over which a neighbourhood fades."""
-
 _SMALLEST_VARIANCE = 1e-6
 """Of a basis BRDF in a constrained solve, relative to the mean of all, for its precision to be finite."""
-
-_ALIKE = 0.02
-"""Radians: a material nearer than this to a centre needs no neighbourhood of its own."""
 
 
 def redundancy(correlation: float, pixels: int, photographs: int = 1) -> float:
     """How many pixels say as much as one, where `correlation` of a sphere of 64 x 64 do."""
     return 1 + (correlation - 1) * pixels / (_SPHERE * photographs)
-
-
-def image_angles(space: ImageSpace) -> Tensor:
-    """(n, n) radians between weighted basis images, mean over the channels of the light that are not black."""
-    size = space.energy.sqrt()
-    unit = space.r / torch.where(size > 0, size, 1)[:, None]
-    lit = (size > 0).any(-1)
-    angles = torch.acos((unit.mT @ unit).clamp(-1, 1)) * lit[:, None, None]
-    return angles.sum(0) / lit.sum().clamp_min(1)
-
-
-def farthest_points(distances: Tensor, count: int, nearest: float) -> list[int]:
-    """Indices of points, each the farthest from those before, the first in the middle; none nearer than `nearest`."""
-    chosen = [int(distances.mean(1).argmin())]
-    while len(chosen) < count:
-        gap = distances[:, chosen].amin(1)
-        if not float(gap.max()) > nearest:
-            break
-        chosen.append(int(gap.argmax()))
-    return chosen
-
-
-def prior_variances(membership: Tensor, norms: Tensor, space: ImageSpace) -> Tensor:
-    """S (M, n) of all priors, each of mean 1: the K classes; with every power the whole library, then neighbourhoods.
-
-    membership  (K, n) bool  the basis BRDFs of every class
-    norms       (n,)         |b_i|
-    """
-    middle = norms[norms > 0].log().mean().exp() if (norms > 0).any() else norms.new_ones(())
-    relative = torch.where(norms > 0, norms / middle, 1)
-    whole = torch.stack([relative ** (-2 * power) for power in POWERS])
-    angles = image_angles(space)
-    centres = farthest_points(angles, NEIGHBOURHOODS, _ALIKE)
-    local = torch.exp(-((angles[centres] / REACH) ** 2)) * whole[:, None]
-    variances = torch.cat([membership.to(whole), whole, local.flatten(0, 1)])
-    return variances / variances.mean(1, keepdim=True)
 
 
 @dataclass(frozen=True, eq=False)

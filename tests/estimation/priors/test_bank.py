@@ -6,17 +6,10 @@ import torch
 from torch import Tensor
 
 from torchbrdf.estimation.image_space import ImageSpace
-from torchbrdf.estimation.priors import (
-    NEIGHBOURHOODS,
-    NOISE_FLOOR,
-    PENALTIES,
-    POWERS,
-    REACH,
-    PriorBank,
-    farthest_points,
-    image_angles,
-    prior_variances,
-)
+from torchbrdf.estimation.priors.bank import NOISE_FLOOR, PENALTIES, PriorBank
+from torchbrdf.estimation.priors.neighbourhoods import NEIGHBOURHOODS, REACH, farthest_points, image_angles
+from torchbrdf.estimation.priors.variances import prior_variances
+from torchbrdf.estimation.priors.whole_library import POWERS
 
 N, PIXELS = 12, 40
 LABELS = (0, 0, 1, 1, 0, 2, 1, 2, 2, 0, 0, 1)
