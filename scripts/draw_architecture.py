@@ -5,7 +5,8 @@
     python scripts/draw_architecture.py --check    # fails where the picture is not that of the code; needs nothing
 
 The order of the rooms is that of `[tool.importlinter]` in pyproject.toml. An arrow is an import in any module of a
-room, also one inside a function; those that a longer way implies are left out. The picture holds what it was drawn from.
+room, also one inside a function; those that a longer way implies are left out. The picture holds what it was drawn
+from.
 """
 
 import argparse

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import torchbrdf as tb
-from torchbrdf.estimation.solvers.ridge import prior_mean
+from torchbrdf.estimation.solvers.ridge_regression import prior_mean
 
 MATERIALS = 8
 PROBES = 2

@@ -7,7 +7,6 @@ from .accuracy import (
     settings_of as settings_of,
 )
 from .accuracy_cases import (
-    FLOOR as FLOOR,
     Case as Case,
     breakdown_table as breakdown_table,
     summary_table as summary_table,

@@ -12,5 +12,4 @@ from .settings import (
 )
 from .style import (
     LIVE_STYLE as LIVE_STYLE,
-    STYLE as STYLE,
 )

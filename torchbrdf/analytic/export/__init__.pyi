@@ -1,6 +1,5 @@
 from .formats import (
     FORMATS as FORMATS,
-    Format as Format,
     format_of as format_of,
     native_fit as native_fit,
     write_binary as write_binary,

@@ -3,7 +3,7 @@ from .quadratic_programs import (
     project_above as project_above,
     project_nonnegative as project_nonnegative,
 )
-from .ridge import (
+from .ridge_regression import (
     GramFactor as GramFactor,
     balance as balance,
     prior_mean as prior_mean,

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given, strategies as st
 from torch import Tensor
 
-from torchbrdf.estimation.solvers.ridge import GramFactor, balance, prior_mean, ridge, ridge_lstsq
+from torchbrdf.estimation.solvers.ridge_regression import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 
 
 def problem(c: int = 7, pixels: int = 40, batch: tuple[int, ...] = (), seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
