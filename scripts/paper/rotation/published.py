@@ -1,7 +1,7 @@
 """Tables I to III of [CBP21], to stand beside ours in scripts/paper/rotation/report.py."""
 
 CLASS_NAMES = ("Diffuse", "Plastics & phenolics", "Specular paints & plastics", "Metals")
-"""Our classes 0 to 3 (docs/classes.md) by the names of [CBP21, sec. IV]."""
+"""Our classes 0 to 3 (docs/results/classes.md) by the names of [CBP21, sec. IV]."""
 
 LAYOUT = (0, 1, 3, 2)
 """The order of the columns in [CBP21, tables I and II]."""
