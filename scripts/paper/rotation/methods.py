@@ -166,7 +166,7 @@ def aligned(capture: Capture) -> Found:
 class Method:
     """A way to reconstruct.
 
-    every   unless asked otherwise, each so many materials only: what a full run costs is in docs/experiments.md
+    every   unless asked otherwise, each so many materials only: docs/results/rotation_robustness.md has what all cost
     tables  those it takes part in
     """
 
