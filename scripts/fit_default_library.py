@@ -300,7 +300,7 @@ def main() -> None:
     parser.add_argument(
         "--report",
         type=Path,
-        default=ROOT / "docs" / "default_library.md",
+        default=ROOT / "docs" / "results" / "default_library.md",
         help="Markdown file whose quality table is replaced",
     )
     parser.add_argument("--checkpoint", type=Path, help="default: in the cache folder; removed at the end")
