@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How well `tb.align` finds the rotation of a probe, on measured materials: the tables of docs/alignment.md.
+"""How well `tb.align` finds the rotation of a probe, on measured materials: the tables of docs/results/alignment.md.
 
     python scripts/make_targets.py --measured ../shared/data/rgl -o targets
     python scripts/make_targets.py --measured ../shared/data/rgl -o turned --turned 5 --seed 1 --probes P1 P2 ...
