@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a reconstruction buys an inverse renderer: the tables of docs/analytic.md.
+"""What a reconstruction buys an inverse renderer: the tables of docs/results/inverse_rendering.md.
 
     python scripts/make_targets.py --measured ../shared/data/rgl -o targets
     python scripts/benchmarks/precondition.py --targets targets --library merl -o OUT

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Our analytic fits beside those published by Ngan et al. [NDM05] and Low et al. [LKYU12], for docs/analytic.md.
+"""Our analytic fits beside those published by [NDM05] and [LKYU12]: the table of docs/results/published_fits.md.
 
     python scripts/benchmarks/published_fits.py --library merl -o OUT
 
