@@ -1,6 +1,6 @@
 """Inputs on which numerical code likes to break: small synthetic scenes, each with one thing wrong with it.
 
-`CASES` feeds tests/test_stability.py; run as a script it prints the measured table of docs/stability.md.
+`CASES` feeds tests/test_stability.py; run as a script it prints the measured table of docs/results/stability.md.
 """
 
 from collections.abc import Callable, Mapping
@@ -439,7 +439,7 @@ def other_exposure() -> Case:
 
 
 def main() -> None:
-    """The table of figures in docs/stability.md: how each case ends with the default and with the paper's penalty."""
+    """The table of docs/results/stability.md: how each case ends with the default and with the paper's penalty."""
     import inspect
 
     from torchbrdf.estimation.estimator import BRDFEstimator

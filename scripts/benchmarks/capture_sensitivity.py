@@ -1,4 +1,4 @@
-"""What spoils a capture, and which setting stands it: the tables of docs/capture_guide.md and docs/constraints.md.
+"""What spoils a capture, and which setting stands it: the table of docs/results/capture_defects.md.
 
 Run `python scripts/benchmarks/capture_sensitivity.py`; it needs no data. Materials of the embedded library are
 photographed under the default light probe with one defect at a time, recovered from the other 99, and compared with
