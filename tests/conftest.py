@@ -150,7 +150,7 @@ def precomputed_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: p
 
 @pytest.fixture(scope="module")
 def half_grid() -> Iterator[None]:
-    """HALF_GRID in the place of the grid at work, which tests/test_harmonic.py is about."""
+    """HALF_GRID in the place of the grid at work, which tests/transport/harmonic/test_basis.py is about."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in HALF_GRID.items():
             patch.setattr(name, value)

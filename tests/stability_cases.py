@@ -1,6 +1,7 @@
 """Inputs on which numerical code likes to break: small synthetic scenes, each with one thing wrong with it.
 
-`CASES` feeds tests/test_stability.py; run as a script it prints the measured table of docs/results/stability.md.
+`CASES` feeds tests/estimation/test_stability.py; run as a script it prints the measured table of
+docs/results/stability.md.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Claim: every part of the default estimator earns its place, and its constants were chosen on other materials.
 
-    python scripts/benchmarks/ablation.py --library merl --targets targets --noise 1 0 --document docs/results/ablation.md
+    python scripts/benchmarks/ablation.py --library merl --targets targets --noise 1 0 \
+        --document docs/results/ablation.md
 
 Three sets of cases, novel-light error in per cent (mean, 90 %, worst) for each variation of the default:
 
