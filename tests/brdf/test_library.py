@@ -378,7 +378,7 @@ class TestFromMerl:
     ):
         """No `finally` runs in a process that is killed."""
         code = ONE_IS_ENOUGH + (
-            "import os, sys; from torchbrdf import library_cache, MaterialLibrary\n"
+            "import os, sys; from torchbrdf.brdf import library_cache, MaterialLibrary\n"
             "library_cache._fill = lambda *_: os._exit(9)\n"
             "MaterialLibrary.from_merl(sys.argv[1], progress=False)"
         )
@@ -410,7 +410,7 @@ class TestFromMerl:
         """Both start building when both are ready; both must end with the same whole library."""
         code = ONE_IS_ENOUGH + (
             "import json, sys, time; from pathlib import Path\n"
-            "from torchbrdf import MaterialLibrary, column_sources\n"
+            "from torchbrdf.brdf import MaterialLibrary, column_sources\n"
             "rows = 0; row = column_sources.MerlSource.row\n"
             "def counted(self, i):\n"
             "    global rows; rows += 1; time.sleep(0.005); return row(self, i)\n"

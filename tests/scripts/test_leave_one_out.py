@@ -355,5 +355,6 @@ def test_bad_input_is_one_line(
     with pytest.raises(SystemExit) as raised:
         script.main(["--library", merl, "--probes", probe, "default", "-o", out, "--noise", "much"])
     assert raised.value.code == 2
-    assert capsys.readouterr().err == "leave_one_out: error: argument --noise: invalid float value: 'much'\n"
+    said = "leave_one_out: error: argument --noise: invalid float value: 'much'; see `leave_one_out --help`\n"
+    assert capsys.readouterr().err == said
     assert not Path(out).exists()

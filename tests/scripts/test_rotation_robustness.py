@@ -375,7 +375,7 @@ class TestBadInput:
         [
             (["--noise", "-1"], "noise levels must be at least 0, got [-1.0]"),
             ([], "at least two probes are needed (observed and novel), got 1"),
-            (["--document", "nowhere.md"], "[Errno 2] No such file or directory: 'nowhere.md'"),
+            (["--document", "nowhere.md"], "nowhere.md: No such file or directory"),
         ],
     )
     def test_settings(

@@ -1,6 +1,5 @@
 """Targets (scripts/make_targets.py) and what is measured on them (scripts/benchmarks/accuracy.py)."""
 
-import argparse
 import hashlib
 import itertools
 import json
@@ -17,7 +16,6 @@ import torch
 import accuracy as benchmark
 import make_targets
 import torchbrdf as tb
-from torchbrdf import command_line
 from torchbrdf.experiments import accuracy, accuracy_cases, open_probes, targets as targets_module
 from torchbrdf.images.image_files import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
@@ -26,56 +24,6 @@ from turns import degrees_between
 
 SIZE = 10
 
-
-
-@pytest.mark.parametrize(
-    ("outcome", "status", "said"),
-    [
-        (None, 0, ""),
-        (3, 3, ""),
-        (ValueError("no such light"), 2, "bake: error: no such light\n"),
-        (FileNotFoundError("a.exr: no such file"), 2, "bake: error: a.exr: no such file\n"),
-        (MitsubaUnavailableError("no LLVM"), 2, "bake: error: no LLVM\n"),
-        (KeyboardInterrupt(), 130, "bake: run it again\n"),
-    ],
-)
-def test_a_script_ends_with_a_status_and_one_line(
-    outcome: BaseException | int | None, status: int, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def run(options: argparse.Namespace) -> int | None:
-        assert options.size == 4
-        if isinstance(outcome, BaseException):
-            raise outcome
-        return outcome
-
-    options = argparse.Namespace(size=4)
-    assert command_line.exit_status("bake", run, options, "run it again") == status
-    assert capsys.readouterr().err == said
-
-
-def test_a_script_without_such_a_message_ends_in_silence(capsys: pytest.CaptureFixture[str]) -> None:
-    def run(_: argparse.Namespace) -> None:
-        raise KeyboardInterrupt
-
-    assert command_line.exit_status("bake", run, argparse.Namespace()) == 130
-    assert capsys.readouterr().err == ""
-
-
-def test_other_errors_of_a_script_keep_their_traceback() -> None:
-    def run(_: argparse.Namespace) -> None:
-        raise ImportError("No module named 'mitsuba.typo'")
-
-    with pytest.raises(ImportError, match=r"mitsuba\.typo"):
-        command_line.exit_status("bake", run, argparse.Namespace())
-
-
-def test_options_that_are_wrong_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = command_line.Parser(prog="bake")
-    parser.add_argument("--size", type=int)
-    with pytest.raises(SystemExit) as left:
-        parser.parse_args(["--size", "much"])
-    assert left.value.code == 2
-    assert capsys.readouterr().err == "bake: error: argument --size: invalid int value: 'much'\n"
 
 
 @pytest.fixture(scope="module")

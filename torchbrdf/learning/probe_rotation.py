@@ -51,7 +51,7 @@ def rotate_probes(
         # A row vector times R is R^T d: where the radiance now at d came from.
         source = _beside_the_poles(directions.reshape(-1, 3).to(probes) @ matrices)
         x, y, _ = texel_coordinates(source, height, width)
-        # align_corners=True: remap normalises pixels that way whatever it is told (DESIGN.md, section 6).
+        # align_corners=True: remap normalises pixels that way whatever it is told.
         seen = remap(padded, x[:, None] + 1, y[:, None], padding_mode="border", align_corners=True)
         return seen.reshape(-1, directions[..., 0].numel()).T.reshape(*directions.shape[:-1], -1)
 

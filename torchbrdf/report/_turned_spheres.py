@@ -109,7 +109,7 @@ class TurnedSpheres:
             f'<div id="turn" class="{"three" if len(figures) <= 3 else "four"}" data-gain="{self.gain}" '
             f'data-light="{",".join(str(value) for value in LIGHT)}" data-range="{DIFFERENCE_RANGE}" '
             f'data-texture="{width},{height},{depth}" data-colours="{colours}" '
-            f'data-luminance="{",".join(map(str, LUMINANCE))}">'
+            f'data-brightness="{",".join(map(str, LUMINANCE))}">'
             f"{''.join(figures)}{_controls(self.names[0], '' if few else ' wide')}</div>",
             *texts,
         )

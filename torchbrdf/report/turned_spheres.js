@@ -21,7 +21,7 @@ precision highp float;
 precision highp sampler3D;
 uniform sampler3D table, first;
 uniform float scale, firstScale, gain, side, thetaD, range;
-uniform vec3 light, halfway, apart, luminance, colours[5];
+uniform vec3 light, halfway, apart, brightness, colours[5];
 uniform bool signedDifference;
 out vec4 colour;
 const float PI = 3.141592653589793;
@@ -57,7 +57,7 @@ void main() {
   vec3 radiance = sum * (scale * PI / float(SUB * SUB)); // the light's irradiance is pi
   if (signedDifference) {
     vec3 more = radiance - firstSum * (firstScale * PI / float(SUB * SUB));
-    colour = vec4(between(0.5 + 0.5 * dot(more, luminance) * gain / range), 1.0);
+    colour = vec4(between(0.5 + 0.5 * dot(more, brightness) * gain / range), 1.0);
   } else {
     colour = vec4(pow(clamp(radiance * gain, 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
   }
@@ -96,7 +96,7 @@ function prepare() {
   gl.uniform1f(uniforms("firstScale"), Number(canvases[0].dataset.scale));
   gl.uniform1f(uniforms("side"), size);
   gl.uniform1f(uniforms("range"), Number(settings.range));
-  gl.uniform3fv(uniforms("luminance"), settings.luminance.split(",").map(Number));
+  gl.uniform3fv(uniforms("brightness"), settings.brightness.split(",").map(Number));
   gl.uniform3fv(uniforms("colours"), settings.colours.split(",").map(Number));
   gl.activeTexture(gl.TEXTURE1);
   gl.bindTexture(gl.TEXTURE_3D, textures[0]);
