@@ -28,8 +28,11 @@ from torchbrdf.brdf.library_cache import build_in_memory, columns_of
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.estimation.reconstruction import Reconstruction
+from torchbrdf.estimation.settings import PAPER_PENALTY
+from torchbrdf.estimation.solvers import balance
 from torchbrdf.transport.basis_images import BasisImages
 
+EPS = torch.finfo(torch.float64).eps
 DEFAULT = inspect.signature(BRDFEstimator).parameters["penalty"].default
 REGULARISED = list(dict.fromkeys([DEFAULT, "paper", 0.0005]))
 PENALTIES = [*REGULARISED, 0.0]
@@ -87,6 +90,29 @@ def weight_change(a: Reconstruction, b: Reconstruction) -> float:
     tie = top[..., 0] - top[..., -1] < 1e-6 if top.shape[-1] > 1 else torch.zeros_like(a.class_index, dtype=torch.bool)
     assert (tie | (a.class_index == b.class_index)).all()
     return difference(a.weights, b.weights)
+
+
+def another_order(case: Case, penalty: float | str) -> Tensor:
+    """(*batch, K, 3): the norm by which a class's weights may move where sums over pixels are taken in another order.
+
+    A sum of P products is off by sqrt(P) eps times the sum of their sizes: errors add up like a random walk. The
+    weights solve (Y^T Y + lambda I) w = Y^T y + lambda mu, and the smallest eigenvalue divides what Y^T y is off by:
+    eps times the squared condition number of Y, which lambda bounds. To factor Y rounds less than that.
+    """
+    fixed = PAPER_PENALTY if penalty == "paper" else float(penalty)
+    y, bounds = case.basis.pack(case.image).double(), []
+    for j in range(case.classes.n_classes):
+        columns = case.basis.packed[case.classes.members(j)].double()
+        terms = torch.einsum("nsp,...sp->...sn", columns.abs(), y.abs()).norm(dim=-1)
+        smallest = torch.linalg.svdvals(columns.transpose(0, 1))[:, -1].square()
+        smallest = smallest + balance(fixed, y.square().sum(-1), len(columns))
+        bounds.append(y.shape[-1] ** 0.5 * EPS * terms / smallest)
+    return torch.stack(bounds, -2)
+
+
+def moved(a: Reconstruction, b: Reconstruction) -> Tensor:
+    """(*batch, K, 3): the norm by which a class's weights differ."""
+    return (a.class_weights - b.class_weights).norm(dim=-2)
 
 
 class TestEveryCase:
@@ -160,11 +186,17 @@ class TestScale:
     @pytest.mark.parametrize("scale", [1e-8, 1e-3, 0.7, 1e5, 1e8])
     @each_penalty
     def test_other_scales(self, penalty, scale: float):
-        """float32 basis images round differently; a null space is made of nothing but rounding, so float64 there."""
+        """float32 basis images round differently; a null space is made of nothing but rounding, so float64 there.
+
+        Without a penalty, every product rounds anew: less than another order of the sums may do.
+        """
         case = CASES["ordinary"]()
         if penalty == 0:
             case = replace(case, basis=replace(case.basis, packed=case.basis.packed.double()))
-        assert weight_change(estimate(case, penalty=penalty), estimate(scaled(case, scale), penalty=penalty)) < 1e-3
+        one, other = (estimate(c, penalty=penalty) for c in (case, scaled(case, scale)))
+        if penalty == 0:
+            assert (moved(one, other) <= another_order(case, penalty)).all()
+        assert weight_change(one, other) < 1e-3
 
     @pytest.mark.parametrize("scale", [1e-8, 1e8])
     @each_case
@@ -198,8 +230,13 @@ class TestScale:
 class TestColumns:
     @each_regularised
     def test_twins_share_their_weight(self, penalty):
-        result = estimate(CASES["duplicates"](), penalty=penalty)
-        assert difference(result.weights[:18], result.weights[18:]) < 1e-9
+        case = CASES["duplicates"]()
+        result = estimate(case, penalty=penalty)
+        if penalty == "auto":
+            assert difference(result.weights[:18], result.weights[18:]) < 1e-9
+        else:  # one direction apart, in which Y is 0 but for rounding, and lambda the whole eigenvalue
+            apart = (result.class_weights[:, :18] - result.class_weights[:, 18:]).norm(dim=1)
+            assert (apart <= another_order(case, penalty)).all()
         assert float(result.weights.abs().max()) > 0
 
     @each_regularised
@@ -405,9 +442,13 @@ class TestInput:
     def test_one_photograph_many_times_without_a_copy(self, penalty):
         case = CASES["ordinary"]()
         estimator = estimator_of(case, penalty=penalty)
-        found = estimator(case.image.expand(4, -1, -1, -1))
+        alone, found = estimator(case.image), estimator(case.image.expand(4, -1, -1, -1))
         for i in range(4):
-            assert difference(estimator(case.image).weights, found.weights[i]) < 1e-9
+            assert torch.equal(alone.class_index, found.class_index[i])
+            if penalty == "auto":
+                assert difference(alone.weights, found.weights[i]) < 1e-9
+            else:
+                assert (moved(alone, found[i]) <= another_order(case, penalty)).all()
 
     @each_penalty
     def test_basis_images_in_float64_or_another_layout(self, penalty):
@@ -610,7 +651,10 @@ class TestProperties:
 @pytest.mark.parametrize("solver", ["factored", "lstsq"])
 @each_penalty
 def test_threads(penalty, solver: str):
-    """Large enough that torch shares the work: 100 materials' worth of pixels and a batch."""
+    """Large enough that torch shares the work: 100 materials' worth of pixels and a batch.
+
+    Weights for a fixed penalty may differ as those of sums in another order; all else is not so ill-conditioned.
+    """
     if penalty == "auto" and solver == "lstsq":
         pytest.skip('"lstsq" is for fixed penalties')
     basis = synthetic(size=32, m=20)
@@ -626,8 +670,11 @@ def test_threads(penalty, solver: str):
             results.append(BRDFEstimator(basis, classes, penalty=penalty, solver=solver)(images))
     finally:
         torch.set_num_threads(before)
+    if penalty != "auto":
+        assert (moved(*results) <= another_order(Case(basis, classes, images), penalty)).all()
     for (name, one), (_, two) in zip(*map(tensors, results), strict=True):
-        assert difference(one.double(), two.double()) < 1e-9, name
+        if penalty == "auto" or "weights" not in name:
+            assert difference(one.double(), two.double()) < 1e-9, name
 
 
 class Real:
