@@ -1,4 +1,4 @@
-"""Quadratic programs solved by SciPy."""
+"""Quadratic programs solved by SciPy, and how far rounding moves a solution."""
 
 import numpy as np
 import torch
@@ -37,3 +37,15 @@ def scipy_above(mean: Tensor, precision: Tensor, rows: Tensor, bounds: Tensor) -
     r = system @ x - torch.eye(len(mean) + 1, dtype=torch.float64)[-1]
     u = -r[:-1] / r[-1] * h.abs().max()
     return mean + torch.linalg.solve_triangular(factor.mT, u[:, None], upper=True)[:, 0]
+
+
+def another_order(mean: Tensor, precision: Tensor, weights: Tensor) -> float:
+    """The norm by which nonnegative weights (c,) may move where sums over the c columns are taken in another order.
+
+    They solve H_FF (w - mean)_F = H_FG mean_G, whose sums are off by sqrt(c) eps times those of the sizes: errors add
+    up like a random walk. The smallest eigenvalue of H_FF divides that. And w is a sum, too.
+    """
+    free = weights > 0
+    terms = precision[free].abs() @ (weights - mean).abs()
+    smallest = torch.linalg.eigvalsh(precision[free][:, free])[0]
+    return float(len(mean) ** 0.5 * torch.finfo(mean.dtype).eps * (terms.norm() / smallest + weights.norm()))
