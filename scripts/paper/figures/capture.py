@@ -171,7 +171,7 @@ class CaptureScene(MitsubaScene):
 
 def lit_ball(bsdf: Mapping[str, Any], view: tb.SphereView, angle_deg: float, samples: int) -> Tensor:
     """(3, N, N): a ball under a directional light, as `torchbrdf.render_directional` with an irradiance of pi."""
-    scene = MitsubaScene(view, tb.LightProbe(torch.ones(3, 2, 4)), bsdf)
+    scene = MitsubaScene(view, tb.LightProbe(torch.ones(3, 4, 8)), bsdf)
     mi = load_mitsuba()
     lamp = {"type": "directional", "direction": (-light_direction(angle_deg)).tolist(), "irradiance": pi}
     parts = {"type": "scene", "integrator": {"type": "direct"}, "sensor": sensor(mi, view), "lamp": lamp}
