@@ -41,7 +41,9 @@ class Frames:
 
     def pack(self, images: Sequence[Tensor]) -> Tensor:
         """(*batch, C, H, W) of each photograph -> (*batch, C, P)."""
-        return torch.cat([pack(image, mask) for image, mask in zip(images, self.masks, strict=True)], dim=-1)
+        # torch.compile before 2.10 cannot break its graph within a zip that is strict.
+        pairs = list(zip(images, self.masks, strict=True))
+        return torch.cat([pack(image, mask) for image, mask in pairs], dim=-1)
 
     def unpack(self, packed: Tensor) -> tuple[Tensor, ...]:
         """The inverse of `pack`, 0 outside the masks."""
