@@ -23,8 +23,10 @@ _MAX_HEADER = 1 << 16
 _FARTHEST = 1e30
 _ZEROTH_VERTEX = re.compile(rb"(?m)^[ \t]*f[ \t](?:.*[ \t])?0(?:/|\s|$)")
 
-_UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, NameError, NotImplementedError, MemoryError)
-"""What trimesh raises for damaged files."""
+_UNREADABLE = (
+    ValueError, LookupError, TypeError, AttributeError, NameError, NotImplementedError, MemoryError, DeprecationWarning
+)  # fmt: skip
+"""What trimesh raises for damaged files; the warning is what NumPy before 2.3 says of text that is no number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,9 @@ def _read(path: Path) -> list["trimesh.Trimesh"]:
     import trimesh
 
     try:
-        scene = trimesh.load_scene(path, process=False)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "string or file could not be read to its end", DeprecationWarning)
+            scene = trimesh.load_scene(path, process=False)
     except _UNREADABLE as error:
         raise ValueError(f"{path}: not a sound {path.suffix} mesh: {' '.join(str(error).split())}") from None
     parts = [part for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)]
