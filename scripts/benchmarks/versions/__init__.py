@@ -1,0 +1,1 @@
+"""What `compare_versions.py` lets each version do, and how it writes down what came of it."""
