@@ -80,6 +80,19 @@ def test_rooms_are_entered_by_their_faces():
     assert climbing == []
 
 
+def test_nothing_below_the_command_line_imports_the_package_itself():
+    """Its names come from rooms, its version from `_version`: what imports it would climb to the root."""
+    climbing = []
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        plain = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+        taken = {name for module, name in imports(path) if module == "torchbrdf"}
+        modules = {name for name in taken if (PACKAGE / name).is_dir() or (PACKAGE / f"{name}.py").is_file()}
+        if "torchbrdf" in plain or taken != modules:
+            climbing.append(path.name)
+    assert climbing == ["cli.py"]
+
+
 def test_a_face_hands_on_only_what_somebody_outside_uses():
     """Other rooms, the scripts, the documentation, or everybody by way of the package."""
     pages = "\n".join(path.read_text() for path in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])

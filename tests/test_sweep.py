@@ -80,7 +80,7 @@ class TestKeeping:
         sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another function; choose"):
             sweep(fails_at_two, tasks(tmp_path / "log"), tmp_path / "out")
-        monkeypatch.setattr("torchbrdf.__version__", "0.0.0")
+        monkeypatch.setattr("torchbrdf.sweep.__version__", "0.0.0")
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another version; choose"):
             sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
 
@@ -109,7 +109,7 @@ class TestBadInput:
             sweep(lambda: 1, [], tmp_path)
 
     def test_another_version_on_a_worker(self) -> None:
-        call = Call("test_sweep", "spectrum", HERE, ("0.0.0", torch.__version__))
+        call = Call("sweep_tasks", "spectrum", HERE, ("0.0.0", torch.__version__))
         with pytest.raises(ValueError, match=r"^processes of a sweep must have the same torchbrdf and torch, got "):
             call(Task("", {}))
 

@@ -26,6 +26,7 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
+from torchbrdf._version import __version__
 from torchbrdf.files import writing
 
 _CONNECT_SECONDS = 10
@@ -89,8 +90,6 @@ class Call:
 
 def versions() -> tuple[str, str]:
     """Of torchbrdf and torch."""
-    from torchbrdf import __version__
-
     return __version__, torch.__version__
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from torchbrdf._version import __version__
 from torchbrdf.analytic.export._material_file import (
     METALLIC_ROUGHNESS,
     check_native,
@@ -69,8 +70,6 @@ def _glb_bytes(material: Mapping[str, Any]) -> bytes:
 def _sphere(material: Mapping[str, Any]) -> tuple[dict[str, Any], bytes]:
     """A document of a unit sphere, and the bytes of its buffer."""
     from trimesh.creation import icosphere
-
-    from torchbrdf import __version__
 
     sphere = icosphere(subdivisions=_SUBDIVISIONS)
     normals = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1, keepdims=True)
