@@ -9,7 +9,7 @@ import torch
 import trimesh
 
 import torchbrdf as tb
-from torchbrdf.experiments import shapes as meshes
+from torchbrdf.experiments import meshes
 from torchbrdf.rendering.tables import render_tables
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*supports 1 material class")

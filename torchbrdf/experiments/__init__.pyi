@@ -11,6 +11,12 @@ from .accuracy_cases import (
     breakdown_table as breakdown_table,
     summary_table as summary_table,
 )
+from .meshes import (
+    FRONT as FRONT,
+    cap as cap,
+    few_normals as few_normals,
+    mesh_view as mesh_view,
+)
 from .probes import (
     SHARED as SHARED,
     default_probes as default_probes,
@@ -27,12 +33,6 @@ from .scenes import (
     Scene as Scene,
     directional_scene as directional_scene,
     noisy_observations as noisy_observations,
-)
-from .shapes import (
-    FRONT as FRONT,
-    cap as cap,
-    few_normals as few_normals,
-    mesh_view as mesh_view,
 )
 from .sheets import (
     common_exposure as common_exposure,
