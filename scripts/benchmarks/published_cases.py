@@ -18,7 +18,7 @@ from torchbrdf.experiments import open_library
 
 
 def published_error(fit: PublishedFit, table: MerlTable, metric: str) -> float:
-    """E of `analytic_fit` over all cells."""
+    """E of `fit_analytic` over all cells."""
     cells = fit_cells((1, 1, 1), LARGEST_ANGLE_DEG, torch.float32)
     return TableResiduals.of_table(table, cells, metric).error(fit.f_r(cells.geometry).float())
 

@@ -1,6 +1,6 @@
 """From a measured or reconstructed table to the parameters of an analytic BRDF.
 
-A fit minimises, over cells c of the MERL grid, with the map g of a metric (`brdf_metrics`), the measure m of a cell and
+A fit minimises, over cells c of the MERL grid, with the map g of a metric (`brdf.METRICS`), the measure m of a cell and
 the weight u of an uncertain value,
 
     E^2 = sum_c m_c u_c |g(f_r(c) cos theta_i) - g(f_r*(c) cos theta_i)|^2 / sum_c m_c u_c |g(f_r*(c) cos theta_i)|^2

@@ -61,7 +61,7 @@ def fit_cells(steps: tuple[int, int, int], largest_angle_deg: float, dtype: torc
 
 @dataclass(frozen=True)
 class TableResiduals:
-    """Residuals whose squares sum to the squared relative error, see `analytic_fit`.
+    """Residuals whose squares sum to the squared relative error, see `table_fit`.
 
     values  (C, 3)  g(f_r* cos theta_i)
     roots   (C, 3)  square roots of the weights, divided by the norm of the weighted values

@@ -54,7 +54,7 @@ class BRDFEstimator(nn.Module):
     basis       Y, the basis images under the light and from the view of the photograph; a sequence of them for several
                 photographs of one material (other probes, other views, or one of them again for another exposure)
     classes     the material classes of the same library
-    penalty     "auto": lambda and prior by their evidence, see `prior_bank`; "paper" for lambda = 0.5, or lambda >= 0
+    penalty     "auto": lambda and prior by their evidence, see `priors`; "paper" for lambda = 0.5, or lambda >= 0
                 itself [CBP21, eq. 25]
     solver      for a fixed penalty. "factored": singular values and vectors of every class's basis images, computed at
                 the first photograph and used for all; "lstsq": `torch.linalg.lstsq` on the augmented system, every time

@@ -39,7 +39,7 @@ _EVEN = POWERS.index(0.5)
 class Observability:
     """What photographs under this light from this view determine, at a stated noise, if materials are like the library.
 
-    Materials are taken as drawn from the library: weights of second moment diag(S) / n, see `prior_bank`.
+    Materials are taken as drawn from the library: weights of second moment diag(S) / n, see `priors`.
 
     noise      standard deviation of a pixel's error, in units of the weighted photograph's root mean square
     freedom    (K,)  effective degrees of freedom of each class: how many numbers about the material stand out of the

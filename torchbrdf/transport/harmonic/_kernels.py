@@ -1,7 +1,7 @@
 """The light-independent side of the harmonic transport: kernels of a library's BRDFs, compressed.
 
 For a ring of normals the radiance is a convolution over azimuth of the light with the kernel K(gamma, beta, delta)
-of `harmonic_grid`. Here the kernels' Fourier series in delta is integrated, for splines over gamma and beta, by
+of `grid`. Here the kernels' Fourier series in delta is integrated, for splines over gamma and beta, by
 sampling half vectors: places in theta_h follow the cells of MERL's grid, so lobes as sharp as a table can hold are
 integrated, not sampled. (Averages over texels of the light, by contrast, miss most of a mirror's lobe.)
 

@@ -1,7 +1,7 @@
 """From rings of normals to the pixels of a view: averages over each pixel's area of the reflectance map.
 
 A view of an orthographic camera sees the same radiance wherever it sees the same normal. Here its pixels become sums
-over places on the rings of `harmonic_grid`: splines across the rings, linear interpolation along them.
+over places on the rings of `grid`: splines across the rings, linear interpolation along them.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """Basis images by precomputed transport: a new light probe costs a Fourier transform and some matrix products.
 
 For an orthographic camera the radiance on a ring of equal polar angles of the normal is a convolution over azimuth of
-the light with the ring's kernel. `harmonic_kernels` holds the kernels, compressed, once per library;
-`light_harmonics` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
+the light with the ring's kernel. `_kernels` holds the kernels, compressed, once per library;
+`light` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
 """
 
 from collections.abc import Iterator, Sequence
