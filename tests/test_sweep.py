@@ -16,7 +16,7 @@ import torch
 
 from paths import ROOT
 from sweep_tasks import PATIENCE, dies_at_two, fails_at_two, interrupted_at_two, spectrum, tasks
-from torchbrdf.sweep import Call, Task, sweep
+from torchbrdf.sweep import Call, Task, _children_ignore_interrupts, sweep
 
 HERE = str(Path(__file__).resolve().parent)
 def started(log: Path) -> list[tuple[int, int]]:
@@ -136,6 +136,19 @@ class TestProcesses:
         assert {result["threads"] for result in here.values()} == {1}
         assert torch.get_num_threads() == before
         assert os.getpid() not in {pid for _, pid in started(tmp_path / "log")[4:]}
+
+    @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be held back here")
+    def test_ctrl_c_while_processes_start_is_not_lost(self) -> None:
+        done = []
+
+        def started_meanwhile() -> None:
+            with _children_ignore_interrupts():
+                os.kill(os.getpid(), signal.SIGINT)
+                done.append("all of them")
+
+        with pytest.raises(KeyboardInterrupt):
+            started_meanwhile()
+        assert done == ["all of them"]
 
     def test_a_killed_process_is_told(self, tmp_path: Path) -> None:
         with pytest.raises(ChildProcessError, match=r"^a process of the sweep was killed, perhaps for want of memory"):

@@ -20,6 +20,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed as completed_he
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -190,15 +191,22 @@ def _in_processes(call: Call, tasks: Sequence[Task], processes: int) -> Finished
 
 @contextmanager
 def _children_ignore_interrupts() -> Iterator[None]:
-    """Processes started here leave Ctrl-C to this one, from their first moment on."""
+    """Processes started here leave Ctrl-C to this one, from their first moment on; pressed meanwhile it comes after."""
     if threading.current_thread() is not threading.main_thread():
         yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
+    elif hasattr(signal, "pthread_sigmask"):
+        resource_tracker.ensure_running()  # it would unblock the signal once it runs
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    else:
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, handler)
 
 
 def _end_with_parent() -> None:
