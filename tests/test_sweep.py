@@ -5,10 +5,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import pytest
@@ -138,16 +138,27 @@ class TestProcesses:
         assert os.getpid() not in {pid for _, pid in started(tmp_path / "log")[4:]}
 
     @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be held back here")
-    def test_ctrl_c_while_processes_start_is_not_lost(self) -> None:
+    @pytest.mark.parametrize("receiver", ["this thread", "another thread"])
+    def test_ctrl_c_while_processes_start_is_not_lost(self, receiver: str) -> None:
+        """The system gives it to any thread that does not block it, such as those of torch."""
         done = []
+        ended = threading.Event()
+        other = threading.Thread(target=ended.wait)
+        other.start()
+        receivers = {"this thread": threading.get_ident(), "another thread": other.ident or 0}
 
         def started_meanwhile() -> None:
             with _children_ignore_interrupts():
-                os.kill(os.getpid(), signal.SIGINT)
+                signal.pthread_kill(receivers[receiver], signal.SIGINT)
+                time.sleep(0.01)  # another thread may take a moment
                 done.append("all of them")
 
-        with pytest.raises(KeyboardInterrupt):
-            started_meanwhile()
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                started_meanwhile()
+        finally:
+            ended.set()
+            other.join()
         assert done == ["all of them"]
 
     def test_a_killed_process_is_told(self, tmp_path: Path) -> None:
@@ -218,7 +229,7 @@ class TestCluster:
         def kill() -> None:
             os.kill(int(wait_for(lambda: stuck.exists() and stuck.read_text())), signal.SIGKILL)
 
-        killer = Thread(target=kill)
+        killer = threading.Thread(target=kill)
         killer.start()
         found = sweep(spectrum, tasks(log, 12, stuck=str(stuck)), out, scheduler=cluster)
         killer.join()

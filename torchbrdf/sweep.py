@@ -196,11 +196,16 @@ def _children_ignore_interrupts() -> Iterator[None]:
         yield
     elif hasattr(signal, "pthread_sigmask"):
         resource_tracker.ensure_running()  # it would unblock the signal once it runs
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        pressed = []
+        handler = signal.signal(signal.SIGINT, lambda *_: pressed.append(True))  # where another thread receives it
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what processes inherit
         try:
             yield
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            signal.signal(signal.SIGINT, handler)
+            if pressed:
+                signal.raise_signal(signal.SIGINT)
     else:
         handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
