@@ -11,8 +11,8 @@ import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
+from torchbrdf.images import png_bytes, read_image, read_mask, read_metadata, write_image
 from torchbrdf.images.display import tone_map
-from torchbrdf.images.image_files import png_bytes, read_image, read_mask, read_metadata, write_image
 
 ZIP = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 

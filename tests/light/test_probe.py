@@ -12,8 +12,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from paths import ROOT
+from torchbrdf.images import read_image, write_image
 from torchbrdf.images.colour import luminance
-from torchbrdf.images.image_files import read_image, write_image
 from torchbrdf.light.latlong import directions_at, texel_coordinates
 from torchbrdf.light.probe import LightProbe
 from turns import turn_about

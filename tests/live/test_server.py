@@ -16,7 +16,7 @@ import torch
 
 from torchbrdf.cli import main
 from torchbrdf.commands import live
-from torchbrdf.images.image_files import write_image
+from torchbrdf.images import write_image
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.live._page import content_security_policy, page
 from torchbrdf.live.server import LiveServer, listen, rotation_matrix

@@ -12,8 +12,8 @@ import torch
 
 import torchbrdf as tb
 from materials import lambert
+from torchbrdf.images import write_image
 from torchbrdf.images.display import tone_map
-from torchbrdf.images.image_files import write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings
 
 pytest.importorskip("matplotlib", reason="the figures need matplotlib")

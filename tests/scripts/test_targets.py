@@ -17,7 +17,7 @@ import accuracy as benchmark
 import make_targets
 import torchbrdf as tb
 from torchbrdf.experiments import accuracy, accuracy_cases, open_probes, targets as targets_module
-from torchbrdf.images.image_files import read_metadata, write_image
+from torchbrdf.images import read_metadata, write_image
 from torchbrdf.mitsuba_backend.scenes import HalfRenderings, MitsubaScene
 from torchbrdf.mitsuba_startup.loading import MitsubaUnavailableError, load_mitsuba
 from turns import degrees_between

@@ -9,11 +9,25 @@ from .display import (
     stops_for as stops_for,
     tone_map as tone_map,
 )
-from .image_files import (
+from .masks import (
+    Mask as Mask,
+    open_mask as open_mask,
+    read_mask as read_mask,
+)
+from .pictures import (
+    Picture as Picture,
+    read_image as read_image,
+    read_metadata as read_metadata,
+    read_picture as read_picture,
+)
+from .settings import (
+    DEFAULT_SPACE as DEFAULT_SPACE,
+    ColourSpace as ColourSpace,
+    Encoding as Encoding,
+)
+from .vectors import read_vectors as read_vectors
+from .writing import (
     check_image_suffix as check_image_suffix,
     png_bytes as png_bytes,
-    read_image as read_image,
-    read_mask as read_mask,
-    read_metadata as read_metadata,
     write_image as write_image,
 )

@@ -1,0 +1,45 @@
+"""The containers by suffix."""
+
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
+
+from torchbrdf.files import existing_file
+from torchbrdf.images.formats._stored import Stored
+
+
+def read_stored(path: Path, layer: str | None = None, vectors: bool = False) -> Stored:
+    """What a file holds; raises as `existing_file`, and ValueError where it is not such a picture.
+
+    layer    which of several pictures of an OpenEXR file
+    vectors  prefer its channels X, Y, Z
+    """
+    module = _by_suffix().get(path.suffix.lower())
+    if module is None:
+        if not path.exists():
+            existing_file(path, "an image")
+        known = ", ".join(sorted(_by_suffix(), key=lambda suffix: (suffix not in (".exr", ".hdr"), suffix)))
+        raise ValueError(f"{path}: image suffix {path.suffix!r} is not supported; use {known}")
+    existing_file(path, f"an image ({path.suffix.lower()})")
+    if module.__name__.endswith(".openexr"):
+        stored: Stored = module.read(path, layer, vectors)
+        return stored
+    if layer is not None:
+        raise ValueError(f"{path}: --layer is for .exr files with several pictures; leave it out")
+    stored = module.read(path)
+    return stored
+
+
+@cache
+def _by_suffix() -> dict[str, ModuleType]:
+    return {suffix: module for module in _modules() for suffix in module.SUFFIXES}
+
+
+def _modules() -> Iterator[ModuleType]:
+    package = import_module(__package__)
+    for found in iter_modules(package.__path__):
+        if not found.name.startswith("_"):
+            yield import_module(f"{__package__}.{found.name}")

@@ -1,0 +1,188 @@
+"""OpenEXR: one RGB picture among the parts, layers and channels of a file, placed in its display window [Kai24]."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torchbrdf.images.formats._quiet import quiet_decoders
+from torchbrdf.images.formats._stored import MAX_PIXELS, Stored, Window, check_pixel_aspect, unreadable
+from torchbrdf.images.primaries import Primaries
+
+SUFFIXES = (".exr",)
+
+ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+"""What the library raises for damaged files."""
+
+_KIND = "OpenEXR"
+_COLOURS = {"r": "R", "red": "R", "g": "G", "green": "G", "b": "B", "blue": "B", "a": "A", "alpha": "A"}
+_VECTORS = {"x": "X", "y": "Y", "z": "Z"}
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """Channels of one part that belong together.
+
+    label     what `--layer` calls it
+    part      of the file
+    channels  in the order R, G, B (or X, Y, Z, or one that is grey)
+    alpha     the name of its alpha, or None
+    """
+
+    label: str
+    part: int
+    channels: tuple[str, ...]
+    alpha: str | None = None
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether its channels stand under the names that every reader looks for."""
+        return self.channels == ("R", "G", "B")
+
+
+def read(path: Path, layer: str | None = None, vectors: bool = False) -> Stored:
+    """One picture of a file; raises ValueError where there is none, or there are several and none is chosen.
+
+    layer    its label, as messages list them
+    vectors  prefer channels X, Y, Z
+    """
+    headers = read_headers(path)
+    chosen = _chosen(path, headers, layer, vectors)
+    header = headers[chosen.part]
+    names = [*chosen.channels, *([chosen.alpha] if chosen.alpha else [])]
+    window, size = _windows(path, header)
+    check_pixel_aspect(path, float(header.get("pixelAspectRatio", 1)))
+    planes = _planes(path, chosen.part, names, (window.height, window.width))
+    placed, recorded = _placed(path, planes, window, size)
+    count = len(chosen.channels)
+    alpha = np.nan_to_num(placed[count], nan=0.0) if chosen.alpha else None
+    return Stored(
+        placed[:count],
+        _KIND,
+        alpha=alpha,
+        primaries=_primaries(path, header),
+        window=recorded,
+        about="" if chosen.part == 0 and (chosen.unnamed or count == 1) else f"layer {chosen.label}",
+    )
+
+
+def read_headers(path: Path) -> list[dict[str, Any]]:
+    """The attributes of every part."""
+    import OpenEXR
+
+    try:
+        with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            return [dict(part.header) for part in file.parts]
+    except ERRORS:
+        raise unreadable(path, _KIND) from None
+
+
+def _chosen(path: Path, headers: Sequence[Mapping[str, Any]], label: str | None, vectors: bool) -> _Layer:
+    flat = [i for i, header in enumerate(headers) if "deep" not in str(header.get("type"))]
+    if not flat:
+        raise ValueError(f"{path}: is a deep image, many samples in each pixel; flatten it where it was made")
+    colours = [one for i in flat for one in _layers(i, headers, _COLOURS, "RGB")]
+    fields = [one for i in flat for one in _layers(i, headers, _VECTORS, "XYZ")]
+    found = fields if vectors and fields else colours
+    if label is not None:
+        named = [one for one in found if one.label.casefold() == label.casefold()]
+        if named:
+            return named[0]
+        raise ValueError(f"{path}: has no layer {label!r}; it has {_listed(found) or 'none with R, G, B'}")
+    if len(found) == 1:
+        return found[0]
+    plain = [one for one in found if one.unnamed]
+    if len(plain) == 1 and plain[0].part == flat[0]:
+        return plain[0]
+    if found:
+        which = _listed(found)
+        raise ValueError(f"{path}: holds several pictures; choose one: --layer NAME (layer= in Python) of {which}")
+    names = [channel.name for i in flat for channel in headers[i].get("channels", ())]
+    if len(names) == 1 or sorted(names) == ["A", "Y"]:
+        return _Layer(names[-1], flat[0], (names[-1],), "A" if len(names) > 1 else None)
+    if {"Y", "RY", "BY"} <= set(names):
+        raise ValueError(f"{path}: is a luminance/chroma image (Y, RY, BY); write it as R, G, B")
+    what = "; X, Y, Z may be vectors or CIE XYZ: write R, G, B" if fields else ""
+    raise ValueError(f"{path}: expected R, G, B channels, got {sorted(names)}{what}")
+
+
+def _listed(layers: Sequence[_Layer]) -> str:
+    return ", ".join(one.label for one in layers)
+
+
+def _layers(part: int, headers: Sequence[Mapping[str, Any]], names: Mapping[str, str], wanted: str) -> list[_Layer]:
+    """All sets of the channels that are wanted, in one part."""
+    found: dict[str, dict[str, str]] = {}
+    for channel in headers[part].get("channels", ()):
+        prefix, _, last = channel.name.rpartition(".")
+        if last.lower() in names:
+            found.setdefault(prefix, {}).setdefault(names[last.lower()], channel.name)
+    of_part = str(headers[part].get("name", part)) if len(headers) > 1 else ""
+    return [
+        _Layer(".".join(filter(None, (of_part, prefix))) or wanted, part, tuple(own[c] for c in wanted), own.get("A"))
+        for prefix, own in found.items()
+        if set(wanted) <= set(own)
+    ]
+
+
+def _windows(path: Path, header: Mapping[str, Any]) -> tuple[Window, tuple[int, int]]:
+    """The data window, in the coordinates of the display window, and (height, width) of that."""
+    try:
+        data_min, data_max, view_min, view_max = (
+            np.asarray(corner, dtype=np.int64) for corner in (*header["dataWindow"], *header["displayWindow"])
+        )
+        data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
+        if min(*data_size, *view_size) < 1 or max(data_size.prod(), view_size.prod()) > MAX_PIXELS:
+            raise ValueError("size")
+    except ERRORS:
+        raise unreadable(path, _KIND) from None
+    left, top = (data_min - view_min).tolist()
+    return Window(left, top, int(data_size[0]), int(data_size[1])), (int(view_size[1]), int(view_size[0]))
+
+
+def _planes(path: Path, part: int, names: Sequence[str], size: tuple[int, int]) -> list[np.ndarray]:
+    """Channels of one part as they are stored, each of the size of the data window."""
+    import OpenEXR
+
+    try:
+        with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = [file.parts[part].channels[name] for name in names]
+            planes = [channel.pixels for channel in channels]
+    except ERRORS:
+        raise unreadable(path, _KIND) from None
+    for channel in channels:
+        if (channel.xSampling, channel.ySampling) != (1, 1):
+            raise ValueError(f"{path}: its channel {channel.name} is subsampled; write all channels at full size")
+    if any(plane is None or plane.shape != size for plane in planes):
+        raise unreadable(path, _KIND)
+    return planes
+
+
+def _placed(
+    path: Path, planes: Sequence[np.ndarray], window: Window, size: tuple[int, int]
+) -> tuple[np.ndarray, Window | None]:
+    """(C, H, W) float32 over the display window, and the part of it that was recorded, None for all."""
+    height, width = size
+    top, left = max(window.top, 0), max(window.left, 0)
+    bottom, right = min(window.top + window.height, height), min(window.left + window.width, width)
+    if top >= bottom or left >= right:
+        raise ValueError(f"{path}: recorded nothing of its display window; crop or move it where it was made")
+    recorded = Window(left, top, right - left, bottom - top)
+    placed = np.full((len(planes), height, width), np.nan, dtype=np.float32)
+    rows, columns = slice(top - window.top, bottom - window.top), slice(left - window.left, right - window.left)
+    for target, plane in zip(placed, planes, strict=True):
+        target[recorded.slices] = plane[rows, columns]
+    return placed, recorded if (recorded.width, recorded.height) != (width, height) else None
+
+
+def _primaries(path: Path, header: Mapping[str, Any]) -> Primaries | None:
+    if "chromaticities" not in header:
+        return None
+    try:
+        return Primaries.of(tuple(float(number) for number in header["chromaticities"]))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: chromaticities: {error}") from None

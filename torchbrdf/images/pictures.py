@@ -1,0 +1,145 @@
+"""Linear HDR pictures from files, in one colour space, with what the file says of itself."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.files import existing_file
+from torchbrdf.images.encodings import DECODERS
+from torchbrdf.images.formats import Stored, Window, read_headers, read_stored
+from torchbrdf.images.primaries import SPACES, conversion
+from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, Encoding
+
+OWN_KEYS = (
+    "channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "maxSamplesPerPixel", "name",
+    "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "type", "version", "view",
+)  # fmt: skip
+"""Attributes that OpenEXR itself needs."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture, and what its file says of it.
+
+    image   (3, H, W) float32  linear RGB, rows from the top; NaN where the file recorded nothing
+    alpha   (1, H, W) float32  in [0, 1]; None where the file has none, or one that is the same everywhere
+    window  the part that was recorded; None for all of it
+    about   how the file was read where it could be read otherwise, for people: phrases
+    """
+
+    image: Tensor
+    alpha: Tensor | None = None
+    window: Window | None = None
+    about: tuple[str, ...] = ()
+
+
+def read_image(
+    path: str | os.PathLike[str],
+    allow_ldr: bool = False,
+    *,
+    layer: str | None = None,
+    primaries: ColourSpace = DEFAULT_SPACE,
+    encoding: Encoding | None = None,
+) -> Tensor:
+    """Read a linear RGB image.
+
+    path       .exr, .hdr or .pic (Radiance), .tif, .pfm, .npy: floating-point radiance. .png, .jpg and .tif of 8 or
+               16 bits are taken only where that is allowed
+    allow_ldr  decode integers, to [0, 1], as the file says (its profile, sRGB, gAMA), else with gamma 2.2
+    layer      which of several pictures of an .exr file, by the name that the message lists
+    primaries  the colour space of the result, to which the file's is converted (whites adapted by Bradford's
+               transform). A file that names none is taken as Rec. 709
+    encoding   how integers are decoded, whatever the file says; implies allow_ldr
+    returns    (3, H, W) float32. Not-a-number and infinite pixels are passed on, and pixels of the display window that
+               an .exr file did not record are NaN
+    raises     FileNotFoundError; ValueError when the file is not such an image
+    """
+    return read_picture(path, allow_ldr, layer=layer, primaries=primaries, encoding=encoding).image
+
+
+def read_picture(
+    path: str | os.PathLike[str],
+    allow_ldr: bool | None = False,
+    *,
+    layer: str | None = None,
+    primaries: ColourSpace = DEFAULT_SPACE,
+    encoding: Encoding | None = None,
+) -> Picture:
+    """The same with all that the file says; `allow_ldr=None` where integers cannot be allowed at all."""
+    path = Path(path)
+    stored = read_stored(path, layer)
+    if len(stored.values) != 3:
+        raise ValueError(f"{path}: expected R, G, B channels, got one of grey")
+    about = [stored.about] if stored.about else []
+    values, how = _linear(path, stored, allow_ldr, encoding)
+    about += how
+    values, how = _converted(stored, values, primaries)
+    about += how
+    alpha = stored.alpha
+    if alpha is not None and alpha.min() == alpha.max():
+        alpha = None
+    return Picture(
+        torch.from_numpy(values),
+        None if alpha is None else torch.from_numpy(alpha[None]),
+        stored.window,
+        tuple(about),
+    )
+
+
+def _linear(
+    path: Path, stored: Stored, allow_ldr: bool | None, encoding: Encoding | None
+) -> tuple[np.ndarray, list[str]]:
+    """Decoded values, and how."""
+    transfer = stored.transfer
+    if not stored.full_scale:
+        if transfer is not None and np.abs(transfer.decode(np.linspace(0, 1, 9)) - np.linspace(0, 1, 9)).max() > 1e-3:
+            raise ValueError(f"{path}: its floating-point values follow a curve ({transfer.name}); export them linear")
+        return stored.values, []
+    if encoding is not None:
+        if encoding not in get_args(Encoding):
+            raise ValueError(f"encoding must be one of {', '.join(get_args(Encoding))}, got {encoding!r}")
+        transfer = DECODERS[encoding]
+    elif not allow_ldr:
+        how = f"as it says ({transfer.name})" if transfer else "with gamma 2.2"
+        cure = "" if allow_ldr is None else f", or pass --allow-ldr (allow_ldr=True in Python) to decode it {how}"
+        raise ValueError(f"{path}: {stored.kind} is not linear HDR; give an .exr or .hdr image{cure}")
+    transfer = transfer or DECODERS["gamma2.2"]
+    return transfer.decode(stored.values).astype(np.float32), [f"{stored.kind} decoded with {transfer.name}"]
+
+
+def _converted(stored: Stored, values: np.ndarray, wanted: ColourSpace) -> tuple[np.ndarray, list[str]]:
+    """Values in another space, and what was done: which it was, and how many pixels lie outside the new one."""
+    if wanted not in SPACES:
+        raise ValueError(f"primaries must be one of {', '.join(SPACES)}, got {wanted!r}")
+    source, target = stored.primaries or SPACES[DEFAULT_SPACE], SPACES[wanted]
+    if source.agrees(target):
+        return values, []
+    finite = np.isfinite(values).all(axis=0)
+    matrix = conversion(source, target).astype(np.float32)
+    with np.errstate(invalid="ignore", over="ignore"):
+        converted = np.where(finite, np.tensordot(matrix, values, axes=1), values)
+    outside = int((finite & (converted < 0).any(axis=0) & (values >= 0).all(axis=0)).sum())
+    said = [f"{source} to {wanted}"]
+    if outside:
+        said.append(f"{outside} of its {finite.size} pixels have colours outside {wanted}, negative there")
+    return converted, said
+
+
+def read_metadata(path: str | os.PathLike[str]) -> dict[str, str]:
+    """The text attributes of an .exr file's first part, as `write_image` takes them; what OpenEXR itself needs is not.
+
+    raises     FileNotFoundError; ValueError when the file is not an OpenEXR image
+    """
+    path = existing_file(path, "an OpenEXR image")
+    if path.suffix.lower() != ".exr":
+        raise ValueError(f"{path}: image suffix {path.suffix!r} is not supported; use .exr")
+    header: Mapping[str, object] = read_headers(path)[0]
+    return {key: value for key, value in header.items() if isinstance(value, str) and key not in OWN_KEYS}

@@ -1,0 +1,103 @@
+"""Linear HDR pictures to files: OpenEXR, Radiance .hdr, and PNG for display; whole or absent (`files.writing`)."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.files import writing
+from torchbrdf.images.display import tone_map
+from torchbrdf.images.formats import quiet_decoders
+from torchbrdf.images.pictures import OWN_KEYS
+
+_SUFFIXES = (".exr", ".hdr", ".png")
+_LONGEST_KEY = 31  # of an OpenEXR attribute that every reader accepts
+
+
+def write_image(path: str | os.PathLike[str], image: Tensor, metadata: Mapping[str, str] | None = None) -> None:
+    """Write an image; the suffix chooses the format.
+
+    path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png
+               (8 bits, tone mapped by `tone_map`)
+    image      (3, H, W) linear RGB; any device
+    metadata   text to keep in the header, .exr only: `read_metadata` gives it back. Names of 1 to 31 characters,
+               none of those that OpenEXR itself needs
+    raises     ValueError for another shape or suffix, or metadata that the file cannot hold; OSError when the file
+               cannot be written
+    """
+    path = Path(path)
+    check_image_suffix(path)
+    _check_image(image)
+    suffix = path.suffix.lower()
+    _check_metadata(metadata or {}, path)
+    pixels = image.detach().to("cpu", torch.float32).numpy()
+    with writing(path) as temporary:
+        if suffix == ".exr":
+            _write_exr(temporary, pixels, metadata or {})
+        elif suffix == ".png":
+            temporary.write_bytes(png_bytes(image))
+        else:
+            # OpenCV wraps negative mantissas round to bright pixels, and RGBE has no NaN or infinity.
+            finite = np.nan_to_num(pixels, nan=0.0, posinf=1e37, neginf=0.0).clip(0.0, 1e37)
+            temporary.write_bytes(_encode(".hdr", finite.transpose(1, 2, 0)))
+
+
+def check_image_suffix(path: Path) -> None:
+    """Raise ValueError where `write_image` knows no format of this suffix."""
+    if path.suffix.lower() not in _SUFFIXES:
+        raise ValueError(f"{path}: image suffix {path.suffix!r} is not supported; use {', '.join(_SUFFIXES)}")
+
+
+def png_bytes(image: Tensor, exposure: float = 1.0) -> bytes:
+    """The tone-mapped image as an 8-bit PNG file in memory.
+
+    image      (3, H, W) linear RGB; any device
+    """
+    _check_image(image)
+    display = (tone_map(image.detach().to("cpu", torch.float32), exposure) * 255).round().to(torch.uint8)
+    return _encode(".png", display.permute(1, 2, 0).numpy())
+
+
+def _check_image(image: Tensor) -> None:
+    if image.ndim != 3 or image.shape[0] != 3 or image.numel() == 0:
+        raise ValueError(f"image must be (3, H, W), got {tuple(image.shape)}")
+
+
+def _check_metadata(metadata: Mapping[str, str], path: Path) -> None:
+    if metadata and path.suffix.lower() != ".exr":
+        raise ValueError(f"{path}: only .exr files hold metadata; write an .exr, or leave the metadata out")
+    for key, value in metadata.items():
+        if not (isinstance(key, str) and isinstance(value, str)):
+            raise ValueError(f"metadata must be text by name, got {key!r}: {value!r}")
+        if key in OWN_KEYS:
+            raise ValueError(f"metadata must not be named {key!r}, which OpenEXR keeps for itself; choose another name")
+        if not 1 <= len(key.encode()) <= _LONGEST_KEY or "\0" in key + value:
+            raise ValueError(
+                f"metadata needs names of 1 to {_LONGEST_KEY} characters and no zero bytes, got {key!r}: {value!r}"
+            )
+
+
+def _encode(suffix: str, pixels: np.ndarray) -> bytes:
+    """A file's bytes from (H, W, 3) RGB."""
+    import cv2
+
+    done, encoded = cv2.imencode(suffix, np.ascontiguousarray(pixels[..., ::-1]))
+    if not done:
+        raise OSError(f"OpenCV could not encode a {suffix} image of {pixels.shape[0]} x {pixels.shape[1]}")
+    return encoded.tobytes()
+
+
+def _write_exr(path: Path, pixels: np.ndarray, metadata: Mapping[str, str]) -> None:
+    import OpenEXR
+
+    header = {**metadata, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    # OpenEXR 3.5 silently writes wrong pixels for a non-contiguous array.
+    channels = {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", pixels, strict=True)}
+    try:
+        with quiet_decoders(), OpenEXR.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as error:
+        raise OSError(str(error)) from None
