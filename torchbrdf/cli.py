@@ -7,16 +7,29 @@ from collections.abc import Sequence
 
 import torchbrdf
 from torchbrdf import commands
-from torchbrdf.command_line import Parser, exit_status, say
+from torchbrdf.command_line import WARNED, Parser, exit_status, say
 
 NAME = "torchbrdf"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit status: 0, 2 for bad input (one line on stderr says what), 130 for Ctrl-C."""
+    """Run one command; returns its exit status.
+
+    0; 2 for bad input (one line on stderr says what); 3 for warnings with `--strict`; 130 for Ctrl-C.
+    """
     options = parser().parse_args(arguments)
-    warnings.showwarning = _show_warning
-    return exit_status(NAME, options.run, options, interrupted="interrupted; nothing was written")
+    shown: list[str] = []
+
+    def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        shown.append(str(message))
+        say(NAME, f"warning: {message}")
+
+    warnings.showwarning = show
+    status = exit_status(NAME, options.run, options, interrupted="interrupted; nothing was written")
+    if status == 0 and shown and getattr(options, "strict", False):
+        say(NAME, f"{len(shown)} warning{'s' * (len(shown) > 1)} with --strict; what was written stays")
+        return WARNED
+    return status
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,10 +43,6 @@ def parser() -> argparse.ArgumentParser:
         added.set_defaults(run=command.run)
         command.add_options(added)
     return whole
-
-
-def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-    say(NAME, f"warning: {message}")
 
 
 if __name__ == "__main__":

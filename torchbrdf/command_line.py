@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NoReturn, Self
 
 BAD_INPUT = 2
+WARNED = 3
 INTERRUPTED = 130
 
 RESUMABLE = "interrupted; the same command goes on where it stopped"

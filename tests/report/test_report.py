@@ -227,7 +227,7 @@ def test_the_warnings(errors, weights, clamped, expected):
     )
     evidence = Evidence(
         photograph=None, used=None, found=candidates[0], candidates=candidates, chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None,
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4),
         weights=torch.tensor(weights, dtype=torch.float64)[:, None].expand(2, 3),
     )  # fmt: skip
     assert len(evidence.warnings) == len(expected)
@@ -254,7 +254,7 @@ def test_the_warnings_of_an_average(probabilities, typical, expected):
     evidence = Evidence(
         photograph=None, used=None, found=SimpleNamespace(index=None, error=0.01, clamped=0.0, probability=None),
         candidates=candidates, chosen=int(np.argmax(probabilities)), names=("a",), channel_errors=(), turned=None,
-        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None,
+        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None, albedo=torch.zeros(4),
         spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), typical),
     )  # fmt: skip
     assert evidence.averaged
@@ -310,11 +310,22 @@ def test_a_shape_with_few_normals_is_the_first_warning():
     candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0, probability=None)
     evidence = Evidence(
         photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, distrust="the shape is a plane",
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4), distrust="the shape is a plane",
         weights=torch.ones(2, 3, dtype=torch.float64),
     )  # fmt: skip
     assert evidence.warnings[0] == "The shape is a plane."
     assert len(evidence.warnings) == 2
+
+
+def test_more_light_than_there_was_is_a_warning():
+    candidate = SimpleNamespace(index=0, error=0.01, clamped=0.0, probability=None)
+    evidence = Evidence(
+        photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.tensor([0.9, 1.6, 1.2, 1.0]),
+        weights=torch.ones(2, 3, dtype=torch.float64),
+    )  # fmt: skip
+    assert len(evidence.warnings) == 1
+    assert evidence.warnings[0].startswith("The result reflects 1.60 times the light that comes in at 30°")
 
 
 def test_the_turn_takes_the_camera_side_to_image_right():

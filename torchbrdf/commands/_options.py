@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.estimation import CONSTRAINTS, DEFAULT_PENALTY, Penalty
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, Encoding
 from torchbrdf.light import Layout
 
 LAYOUTS = get_args(Layout)
@@ -24,11 +25,18 @@ def add_output(parser: argparse.ArgumentParser, text: str, default: Path | None 
     parser.add_argument("-o", "--output", type=Path, required=default is None, default=default, help=text)
 
 
+def add_strict(parser: argparse.ArgumentParser) -> None:
+    """`--strict`, which the command line looks at after the command."""
+    parser.add_argument("--strict", action="store_true", help="exit with status 3 where there was a warning")
+
+
 def add_light(parser: argparse.ArgumentParser, required: bool = True, default: str | None = None) -> None:
     """`--probe` and how to read it."""
     text = 'light probe, .exr or .hdr; "default" for the embedded one'
     parser.add_argument("--probe", required=required and default is None, default=default, help=text)
     parser.add_argument("--probe-layout", choices=LAYOUTS, default="latlong", help="default: latlong")
+    text = "linear RGB of photograph, light and BRDF, to which files are converted; default: %(default)s"
+    parser.add_argument("--primaries", choices=get_args(ColourSpace), default=DEFAULT_SPACE, help=text)
     parser.add_argument("--repair-probe", action="store_true", help="fill NaN and infinite texels of the probe")
 
 
@@ -46,7 +54,8 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
         metavar="sphere|NORMALS|MESH",
         help="sphere (default); a mesh, .ply or .obj; or a normal map, .exr, X Y Z in R G B",
     )
-    group.add_argument("--fov", type=float, metavar="DEG", help="field of view; default: orthographic")
+    text = "horizontal field of view of the whole picture, as given; default: orthographic"
+    group.add_argument("--fov", type=float, metavar="DEG", help=text)
     for name, text in (
         ("toward", "from the target towards the camera; default: 0 0 1"),
         ("up", "what is up in the image; default: 0 1 0"),
@@ -59,9 +68,12 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
 
 def add_estimation(parser: argparse.ArgumentParser) -> None:
     """What is used of a photograph, and how it is explained."""
-    parser.add_argument("--mask", type=Path, help="image that is white where the shape may be used")
-    text = "silhouette in pixels; default: from the mask"
+    text = "image that is white where the shape may be used; default: the photograph's alpha, else all of it"
+    parser.add_argument("--mask", type=Path, help=text)
+    parser.add_argument("--invert-mask", action="store_true", help="the mask is white around the shape")
+    text = "silhouette in pixels; default: from the mask, else as large as the photograph"
     parser.add_argument("--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help=text)
+    parser.add_argument("--layer", metavar="NAME", help="of a photograph that holds several pictures")
     add_library(parser)
     parser.add_argument(
         "--penalty", type=penalty, default=DEFAULT_PENALTY, metavar="auto|paper|X", help=_PENALTY_HELP
@@ -69,7 +81,10 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constraint", choices=CONSTRAINTS, help=_CONSTRAINT_HELP + "; default: none")
     parser.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
     parser.add_argument("--size", type=int, help="resample to N x N pixels; default: its own, at most 128")
-    parser.add_argument("--allow-ldr", action="store_true", help="accept an 8-bit photograph, taken as gamma 2.2")
+    text = "accept a photograph of 8 or 16 bits, decoded as it says, else with gamma 2.2"
+    parser.add_argument("--allow-ldr", action="store_true", help=text)
+    text = "accept it, decoded so, whatever it says"
+    parser.add_argument("--encoding", choices=get_args(Encoding), help=text)
 
 
 def penalty(text: str) -> Penalty:

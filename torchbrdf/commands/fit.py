@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.alignment import Range
-from torchbrdf.commands._options import STD, add_estimation, add_light, add_output, add_shape
+from torchbrdf.commands._options import STD, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
 _ONLY_WITH_ALIGN = ("search", "blur", "exposure", "white_balance")
@@ -27,6 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--exposure", action="store_true", help=text)
     group.add_argument("--white-balance", action="store_true", help="the same for each colour channel")
     parser.add_argument("--uncertainty", action="store_true", help=f"also write {STD}: how sure each cell is")
+    add_strict(parser)
     add_output(parser, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
 
@@ -43,8 +44,10 @@ def run(options: argparse.Namespace) -> int:
         size = options.size
         if options.basis is not None and size is None:
             size = BasisImages.load(options.basis).size[1]
-        observation, view = read_observation(options, size)
+        sight = read_observation(options, size)
+        observation, view = sight.observation, sight.view
         probe = open_probe(options)
+        lit = probe.name.removeprefix("light probe ")
         library = open_library(options)
         basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
         settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
@@ -64,6 +67,8 @@ def run(options: argparse.Namespace) -> int:
             written = f"{STD}, {written}"
     if not options.uncertainty:
         (options.output / STD).unlink(missing_ok=True)  # of an earlier photograph
+    print(f"photograph {sight.about}")
+    print(f"light {lit}; {fitted.basis.description}")
     if options.align:
         print(found)
     print(summary(fitted))

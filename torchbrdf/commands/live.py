@@ -88,9 +88,9 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
         return f"{MATERIAL}, simulated", fitted, library, probe
     if options.probe is None:
         raise ValueError("a photograph needs the light probe of its light: give --probe")
-    observation, view = read_observation(options, options.size)
+    sight = read_observation(options, options.size)
     probe, library = open_probe(options), open_library(options)
-    return options.photo.name, fit(observation, probe, library, view=view, **estimation), library, probe
+    return options.photo.name, fit(sight.observation, probe, library, view=sight.view, **estimation), library, probe
 
 
 def _other_light(options: argparse.Namespace) -> dict[str, str]:

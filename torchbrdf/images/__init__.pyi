@@ -9,6 +9,7 @@ from .display import (
     stops_for as stops_for,
     tone_map as tone_map,
 )
+from .formats import Window as Window
 from .masks import (
     Mask as Mask,
     open_mask as open_mask,

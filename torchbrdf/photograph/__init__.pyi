@@ -4,6 +4,7 @@ from .observation import (
     observe as observe,
     observe_view as observe_view,
 )
+from .photograph import Photograph as Photograph
 from .silhouette import (
     Circle as Circle,
     find_circle as find_circle,

@@ -1,11 +1,30 @@
 """Where the ball is in a photograph."""
 
+from __future__ import annotations
+
+import warnings
 from dataclasses import dataclass
+from functools import cached_property
+from math import atan, atan2, degrees, radians, tan
 
 import numpy as np
+import torch
 from torch import Tensor
 
+from torchbrdf.images import Window
+
 _SNAP = 1.5
+_SMALLEST_PART = 0.02
+"""Of the largest connected part: smaller ones are strays."""
+
+_RIM = 0.02
+_DIRECTIONS = 180
+_LEAST_RIM, _LITTLE_RIM = 0.1, 0.5
+"""Share of the directions in which a mask reaches the rim of its circle: below it the circle is none, or uncertain."""
+
+_LITTLE_FILL = 0.3
+_MUCH_BESIDE = 0.1
+_INVERTED_FILL = 0.85
 
 
 @dataclass(frozen=True)
@@ -21,29 +40,152 @@ class Circle:
         if not 1.5 <= self.radius < float("inf"):
             raise ValueError(f"the ball must be at least 3 pixels across, got a radius of {self.radius}")
 
+    def __str__(self) -> str:
+        """For people."""
+        return f"circle at ({self.x:.1f}, {self.y:.1f}), radius {self.radius:.1f} pixels"
 
-def find_circle(size: tuple[int, int], mask: Tensor | None = None) -> Circle:
+    @classmethod
+    def inscribed(cls, window: Window) -> Circle:
+        """The largest in the middle of a rectangle."""
+        centre = window.left + window.width / 2, window.top + window.height / 2
+        return cls(*centre, min(window.width, window.height) / 2)
+
+    def differs(self, other: Circle) -> float:
+        """By how many pixels, at most, in place or radius."""
+        return max(abs(self.x - other.x), abs(self.y - other.y), abs(self.radius - other.radius))
+
+    def holds(self, height: int, width: int) -> Tensor:
+        """(height, width) bool: the pixels of a photograph whose centres lie inside."""
+        x, y = torch.arange(width) + 0.5 - self.x, torch.arange(height) + 0.5 - self.y
+        return torch.hypot(x, y[:, None]) <= self.radius
+
+    def leaves(self, height: int, width: int) -> bool:
+        """Whether it leaves a photograph on two opposite sides, by more than rounding."""
+        slack = max(_SNAP, _RIM * self.radius)
+        beyond = [self.radius - slack - distance for distance in (self.x, width - self.x, self.y, height - self.y)]
+        return min(beyond[:2]) > 0 or min(beyond[2:]) > 0
+
+    def fov_deg(self, width: int, fov_deg: float) -> float:
+        """The field of view across the ball, to a thousandth of a degree, for a camera of this one across `width`."""
+        return round(2 * degrees(atan(2 * self.radius / width * tan(radians(fov_deg) / 2))), 3)
+
+    def off_axis_deg(self, height: int, width: int, fov_deg: float) -> float:
+        """The angle between the camera's axis and the ball's centre."""
+        distance = np.hypot(self.x - width / 2, self.y - height / 2)
+        return degrees(atan2(distance, width / 2 / tan(radians(fov_deg) / 2)))
+
+
+def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Window | None = None) -> Circle:
     """Where the ball is.
 
-    size  height and width of the photograph
-    mask  (1, H, W) bool, True where a pixel's centre shows usable ball; the smallest circle around it is the
-          silhouette, so holes (a dimple, a stand) do no harm while some of the rim is left on three sides.
-          None: the ball is the inscribed circle of the photograph, and so it is where the mask agrees with that
-          to a pixel and a half (masks often leave out the cut pixels of the rim)
+    size    height and width of the photograph
+    mask    (1, H, W) bool, True where a pixel's centre shows usable ball; the smallest circle around it is the
+            silhouette, so holes (a dimple, a stand) do no harm while half of the rim is left. Stray pixels do not
+            count: the circle is that of the largest connected part, or of all large ones if they fill theirs better.
+            None: the ball is the inscribed circle of the photograph, and so it is where the mask agrees with that
+            to a pixel and a half (masks often leave out the cut pixels of the rim)
+    window  the part of the photograph that was recorded, whose inscribed circle counts instead; None for all
+    Warns where the circle is a guess: no mask in an oblong photograph, or a mask that follows little of the rim.
+    Raises ValueError where the mask marks no ball.
     """
     height, width = size
-    inscribed = Circle(width / 2, height / 2, min(height, width) / 2)
+    whole = Circle.inscribed(Window(0, 0, width, height))
     if mask is None:
-        return inscribed
+        return _inscribed(whole, window, size)
     if mask.shape != (1, height, width):
         raise ValueError(
             f"mask must have the size of the photograph, {height} x {width}, got {mask.shape[-2]} x {mask.shape[-1]}"
         )
     if not mask.any():
         raise ValueError("mask is empty: no pixel is marked as usable; paint the ball white")
-    import cv2
+    found = _Marked.best(mask[0].numpy())
+    if found.circle.differs(whole) < _SNAP:
+        return whole
+    _check(found, mask[0].numpy())
+    return found.circle
 
-    rows, columns = np.nonzero(mask[0].numpy())
-    (x, y), radius = cv2.minEnclosingCircle(np.stack([columns + 0.5, rows + 0.5], axis=1).astype(np.float32))
-    distance = max(abs(x - inscribed.x), abs(y - inscribed.y), abs(radius - inscribed.radius))
-    return inscribed if distance < _SNAP else Circle(float(x), float(y), float(radius))
+
+def _inscribed(whole: Circle, window: Window | None, size: tuple[int, int]) -> Circle:
+    """Of the recorded part where that is a crop of its own, and else of the photograph."""
+    height, width = size
+    if window is not None:
+        circle = Circle.inscribed(window)
+        square = abs(window.width - window.height) < _SNAP
+        if circle.differs(whole) >= _SNAP and (square or abs(width - height) >= _SNAP):
+            if not square:
+                _warn(f"no mask: the ball is taken to fill the {window.height} x {window.width} pixels recorded")
+            return circle
+    if abs(width - height) >= _SNAP:
+        _warn(f"no mask: the ball is taken to fill the middle of the {height} x {width} photograph")
+    return whole
+
+
+@dataclass(frozen=True)
+class _Marked:
+    """Pixels (H, W) bool that may show a ball, and the smallest circle around them."""
+
+    pixels: np.ndarray
+
+    @classmethod
+    def best(cls, mask: np.ndarray) -> _Marked:
+        """The largest connected part, or all large ones together where they fill their circle better."""
+        import cv2
+
+        _, labels, found, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+        areas = found[1:, cv2.CC_STAT_AREA]
+        large = cls(np.isin(labels, 1 + np.flatnonzero(areas >= _SMALLEST_PART * areas.max())))
+        largest = cls(labels == 1 + areas.argmax())
+        return max(large, largest, key=lambda one: one.fill)
+
+    @cached_property
+    def circle(self) -> Circle:
+        """The smallest that holds all pixels' centres."""
+        import cv2
+
+        rows, columns = np.nonzero(self.pixels)
+        (x, y), radius = cv2.minEnclosingCircle(np.stack([columns + 0.5, rows + 0.5], axis=1).astype(np.float32))
+        return Circle(float(x), float(y), float(radius))
+
+    @cached_property
+    def fill(self) -> float:
+        """Share of the circle's pixels, inside the photograph, that are marked."""
+        inside = self.circle.holds(*self.pixels.shape).numpy()
+        return float(self.pixels[inside].mean()) if inside.any() else 0.0
+
+    @cached_property
+    def rim(self) -> float:
+        """Share of the directions in which pixels are marked at the circle's rim."""
+        rows, columns = np.nonzero(self.pixels)
+        x, y = columns + 0.5 - self.circle.x, rows + 0.5 - self.circle.y
+        near = np.hypot(x, y) >= self.circle.radius - max(_SNAP, _RIM * self.circle.radius)
+        bins = min(_DIRECTIONS, int(np.pi * self.circle.radius))  # at least two pixels of the rim in each
+        turned = np.arctan2(y[near], x[near]) / (2 * np.pi) * bins
+        return len(np.unique(np.floor(turned).astype(int) % bins)) / bins
+
+
+def _check(found: _Marked, mask: np.ndarray) -> None:
+    """Raise where a mask is no ball; warn where little of it is."""
+    if found.circle.leaves(*mask.shape):
+        inside = None if mask.all() else _Marked.best(~mask)
+        if inside is not None and inside.fill > _INVERTED_FILL and not inside.circle.leaves(*mask.shape):
+            raise ValueError(
+                f"the mask marks what lies around a ball, {inside.circle}, and not the ball; paint the ball white, or "
+                "give --invert-mask (~mask in Python)"
+            )
+        raise ValueError(
+            f"the mask's silhouette, a {found.circle}, leaves the photograph on opposite sides; mark the ball alone, "
+            "or give its circle: --circle X Y R"
+        )
+    seen = f"the mask fills {found.fill:.0%} of its {found.circle}, and follows {found.rim:.0%} of the rim"
+    if found.rim < _LEAST_RIM:
+        raise ValueError(f"{seen}: it marks no ball; mark all of it, or give its circle: --circle X Y R")
+    if found.rim < _LITTLE_RIM or found.fill < _LITTLE_FILL:
+        _warn(f"{seen}: the silhouette may be wrong; --circle X Y R gives it")
+    beside = mask & ~found.circle.holds(*mask.shape).numpy()
+    if beside.sum() > _MUCH_BESIDE * mask.sum():
+        share = beside.sum() / mask.sum()
+        _warn(f"{share:.0%} of the mask lie beside its largest part, a {found.circle}, and are not used")
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, UserWarning, stacklevel=4)

@@ -2,27 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isinf, radians
+from math import isinf
 
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf import BRDFDifference, MerlTable
-from torchbrdf.estimation import albedo_rule
 from torchbrdf.images import exposure_for
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
+from torchbrdf.report._albedo import directional_albedo, reflects_too_much
 from torchbrdf.report._pictures import short_name
 from torchbrdf.report.settings import COMPARISON_SAMPLES, COMPARISON_SIZE
 from torchbrdf.view import SphereView
 
-ALBEDO_DEG = (0, 30, 60, 75)
-
 _BRIGHTEST = 1e10
 """f_r above this, in 1/sr, is refused: a mirror would put some 1e7 into the narrowest cells of the grid."""
-
-_MUCH_ALBEDO = 1.02
-"""Directional albedo above which the page says so: the rule of cells is good to a per cent."""
 
 _FEW_COMMON = 0.99
 """Share of the cells below which the page says that the differences do not count all of them."""
@@ -84,9 +79,7 @@ class Comparison:
             BRDFDifference.of(table, tables[0], (image, pictures[0]), view.mask, exposure)
             for table, image in zip(tables[1:], pictures[1:], strict=True)
         ]
-        rules = [albedo_rule(radians(angle)) for angle in ALBEDO_DEG]
-        filled = [table.filled.cpu().double() for table in tables]
-        albedo = torch.tensor([[(weights @ f_r[cells]).mean() for cells, weights in rules] for f_r in filled])
+        albedo = torch.stack([directional_albedo(table) for table in tables])
         return cls(names, tables, probe, pictures, exposure, albedo, differences)
 
     @property
@@ -102,9 +95,8 @@ class Comparison:
                 )
             if not bool((table.values[table.valid] > 0).any()):
                 found.append(f"{name}: 0 in every measured cell.")
-            if albedo.max() > _MUCH_ALBEDO:
-                angle = ALBEDO_DEG[int(albedo.argmax())]
-                found.append(f"{name}: reflects {float(albedo.max()):.2f} times the light that comes in at {angle}°.")
+            if (too_much := reflects_too_much(albedo)) is not None:
+                found.append(f"{name}: {too_much}.")
         for name, difference in zip(self.names[1:], self.differences, strict=True):
             if difference.common < _FEW_COMMON:
                 found.append(

@@ -13,6 +13,7 @@ from torchbrdf.estimation import Reconstruction
 from torchbrdf.images import relative_rms
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_directional, render_tables
+from torchbrdf.report._albedo import directional_albedo, reflects_too_much
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
@@ -130,6 +131,7 @@ class Evidence:
     probes       the photograph's probe, another (`other_light`), its own turned
     distrust     why the shape tells too little (`BasisImages.distrust`), or None
     spread       None with a fixed penalty, which has no posterior
+    albedo       (4,)  the result's directional albedo, see `_albedo`
     """
 
     photograph: Tensor
@@ -143,6 +145,7 @@ class Evidence:
     turned: Tensor
     directional: dict[float, Tensor]
     probes: tuple[LightProbe, LightProbe, LightProbe]
+    albedo: Tensor
     distrust: str | None = None
     spread: Spread | None = None
 
@@ -183,6 +186,11 @@ class Evidence:
                 f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe "
                 "may be turned or scaled against the photograph, the photograph may hold clipped highlights, shadows "
                 "or reflections of things near by, or the library lacks this kind of material."
+            )
+        if (too_much := reflects_too_much(self.albedo)) is not None:
+            found.append(
+                f"The result {too_much}: no material does. The photograph and the light probe are in different units; "
+                "scale one of them."
             )
         second = self.runner_up
         if second is not None and self.best.probability is not None and self.best.probability < SMALL_PROBABILITY:
@@ -276,6 +284,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
             for angle in DIRECTIONAL_ANGLES
         },
         probes=(probe, other, turned),
+        albedo=directional_albedo(found.table),
         distrust=basis.distrust,
         spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
     )

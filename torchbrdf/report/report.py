@@ -67,8 +67,8 @@ def write_report(
     observability: Observability | None = None,
     size: int = _SIZE,
     samples: int = _SAMPLES,
-) -> None:
-    """Write one HTML file that opens offline, with everything inside.
+) -> list[str]:
+    """Write one HTML file that opens offline, with everything inside; returns the warnings at its top.
 
     subject      the reconstruction and what it was made from
     description  settings to list, name -> value; a "title" becomes the title of the page
@@ -94,6 +94,7 @@ def write_report(
     ]
     with writing(path) as temporary:
         temporary.write_text(page(title, body), encoding="utf-8")
+    return evidence.warnings
 
 
 def _verdict(evidence: Evidence) -> str:
