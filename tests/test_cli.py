@@ -208,7 +208,12 @@ def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys
 
     The report, which takes longer than all the rest, is that of the demo.
     """
-    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", lambda path, *_, **__: path.write_text(""))
+
+    def write(path, *_, **__):
+        path.write_text("")
+        return []
+
+    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", write)
     probe, view = tb.LightProbe.default(), tb.SphereView(32)
     image = tb.render(default_library.table("nylon"), probe, view, seed=5)
     padded = torch.nn.functional.pad(image, (7, 21, 12, 3), value=9.0)

@@ -310,8 +310,8 @@ def test_a_shape_with_few_normals_is_the_first_warning():
     candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0, probability=None)
     evidence = Evidence(
         photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4), distrust="the shape is a plane",
-        weights=torch.ones(2, 3, dtype=torch.float64),
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4),
+        distrust="the shape is a plane", weights=torch.ones(2, 3, dtype=torch.float64),
     )  # fmt: skip
     assert evidence.warnings[0] == "The shape is a plane."
     assert len(evidence.warnings) == 2

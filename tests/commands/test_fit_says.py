@@ -1,0 +1,124 @@
+"""What `torchbrdf fit` prints: the silhouette, the light, the residual, every warning; what --strict makes of them."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import torch
+from torch import Tensor
+
+import torchbrdf as tb
+from discs import disc
+from torchbrdf.cli import main
+
+SIZE = 16
+
+
+@pytest.fixture
+def photo(tmp_path: Path, photographs: dict[str, Tensor]) -> Path:
+    """Glossy paint under the default probe, with room around it."""
+    tb.write_image(tmp_path / "photo.exr", torch.nn.functional.pad(photographs["paint"], (20, 7, 3, 9), value=0.4))
+    tb.write_image(tmp_path / "mask.png", disc(60, 75, 44, 27, 24).expand(3, -1, -1).float())
+    return tmp_path / "photo.exr"
+
+
+@pytest.fixture
+def reports(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The warnings of reports that are not made: the whole report takes longer than all the rest."""
+    said: list[str] = []
+
+    def write(path: Path, *_: object, **__: object) -> list[str]:
+        path.write_text("")
+        return said
+
+    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", write)
+    return said
+
+
+@pytest.fixture
+def fit(precomputed_library: object, precomputed_directory: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Runs the command: its exit status, and the lines of stdout and stderr."""
+
+    def run(photo: Path, *more: object) -> tuple[int, list[str], list[str]]:
+        tb.write_image(tmp_path / "probe.exr", tb.LightProbe.default(64).radiance, {"rows": "poles"})
+        files = ["--probe", tmp_path / "probe.exr", "--library", precomputed_directory, "-o", tmp_path / "out"]
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", ".*material class")
+            status = main([str(word) for word in ("fit", photo, "--size", SIZE, *files, *more)])
+        said = capsys.readouterr()
+        return status, said.out.splitlines(), [line for line in said.err.splitlines() if line.startswith("torchbrdf")]
+
+    return run
+
+
+@pytest.mark.usefixtures("reports")
+def test_in_five_lines_what_was_found(fit, photo):
+    status, lines, errors = fit(photo, "--mask", photo.parent / "mask.png")
+    assert (status, errors) == (0, [])
+    assert len(lines) <= 5
+    pixels = int(tb.SphereView(SIZE).mask.sum())
+    found = "circle at (44.0, 27.0), radius 23.9 pixels, of the mask"
+    assert lines[0] == f"photograph {photo}: {found}; {pixels} of its {pixels} pixels used, at {SIZE} x {SIZE}"
+    assert lines[1].startswith(f"light {photo.parent / 'probe.exr'}")
+    assert "; harmonic" in lines[1] or "; sampled" in lines[1]
+    assert "relative error on the photograph " in lines[2]
+
+
+@pytest.mark.usefixtures("reports")
+def test_a_photograph_that_says_how_it_is_read(fit, photo):
+    image = torch.cat([tb.read_image(photo), tb.read_mask(photo.parent / "mask.png").float()])
+    write_half_recorded(photo, image)
+    status, lines, errors = fit(photo, "--strict")
+    assert (status, errors) == (0, [])
+    read = "its alpha is the mask; recorded 60 x 60 of its pixels"
+    assert lines[0].startswith(f"photograph {photo} ({read}): circle at (")
+    used, _, _, seen, *_ = lines[0].split("; ")[-1].split()
+    assert 0.5 * int(seen) < int(used) < int(seen)
+
+
+def write_half_recorded(path: Path, image: Tensor) -> None:
+    """An .exr with alpha whose last fifteen columns were not recorded."""
+    corner = np.array([0, 0], "i4")
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "displayWindow": (corner, np.array([74, 59], "i4")), "dataWindow": (corner, np.array([59, 59], "i4")),
+    }  # fmt: skip
+    planes = {name: np.ascontiguousarray(plane[:, :60].numpy()) for name, plane in zip("RGBA", image, strict=True)}
+    with OpenEXR.File(header, planes) as file:
+        file.write(str(path))
+
+
+def test_every_warning_of_the_report_is_said(fit, photo, reports):
+    reports += ["The fit leaves 89% unexplained.", "The weights\noscillate."]
+    status, _, errors = fit(photo, "--mask", photo.parent / "mask.png")
+    assert status == 0
+    assert errors == [
+        "torchbrdf: warning: The fit leaves 89% unexplained.",
+        "torchbrdf: warning: The weights oscillate.",
+    ]
+
+
+def test_strict_makes_a_status_of_warnings(fit, photo, reports):
+    reports += ["The fit leaves 89% unexplained."]
+    status, lines, errors = fit(photo, "--mask", photo.parent / "mask.png", "--strict")
+    assert status == 3
+    assert errors[-1] == "torchbrdf: 1 warning with --strict; what was written stays"
+    assert lines[-1].startswith("wrote ")
+    assert (photo.parent / "out" / "brdf.binary").exists()
+
+
+@pytest.mark.usefixtures("reports")
+def test_a_guess_of_the_silhouette_is_a_warning(fit, photo):
+    status, _, errors = fit(photo, "--strict")
+    assert status == 3
+    assert "no mask: the ball is taken to fill the middle of the 60 x 75 photograph" in errors[0]
+
+
+@pytest.mark.usefixtures("reports")
+def test_the_field_of_view_is_that_of_the_whole_photograph(fit, photo):
+    """For a ball at the side of the picture the command says what it leaves out."""
+    _, lines, errors = fit(photo, "--circle", 44, 27, 24, "--fov", 60)
+    assert "radius 24.0 pixels, as given, 40.559 degrees across; " in lines[0]
+    assert "the ball is 6.4 degrees off the camera's axis" in errors[0]
