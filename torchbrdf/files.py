@@ -1,12 +1,72 @@
-"""Outputs that are whole or absent: written under a temporary name, then renamed."""
+"""Inputs that are there, and outputs that are whole or absent: written under a temporary name, then renamed."""
 
 import errno
 import os
+import re
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+_STAND_INS = (
+    (
+        re.compile(rb"version https?://git-lfs\.github\.com/spec/"),
+        "a Git LFS pointer; `git lfs pull` in its repository fetches the file itself",
+    ),
+    (re.compile(rb"/annex/objects/"), "a git-annex pointer; `git annex get` fetches the file itself"),
+    (
+        re.compile(rb"\x00\x05\x16\x07"),
+        "what macOS notes about a file (AppleDouble), not the file itself; name the one without ._",
+    ),
+    (
+        re.compile(
+            rb"(?:\xef\xbb\xbf)?\s*+(?:(?><\?xml.*?>|<!--.*?-->)\s*+)*+<(?:!doctype html|html|head|error>)", re.I | re.S
+        ),
+        "a web page, as downloads that failed leave; download it again",
+    ),
+)
+"""How files begin that lie in the place of another, and what they are."""
+
+_BEGINNING_BYTES = 1024
+
+
+def existing_file(path: str | os.PathLike[str], what: str) -> Path:
+    """The path of a file that can be read and is not empty, nor something that stands in for the file.
+
+    what  was expected, such as "a MERL .binary table"
+    Raises FileNotFoundError, IsADirectoryError, PermissionError, or ValueError (empty, a pipe, a Git LFS pointer, a web
+    page in its place) with one line that names the file and says what to do.
+    """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(f"{path}: is a folder; expected {what}")
+        if not stat.S_ISREG(mode):
+            raise ValueError(f"{path}: is a pipe or a device; expected {what} in a file: write it to one first")
+        with open(path, "rb") as file:
+            beginning = file.read(_BEGINNING_BYTES)
+    except PermissionError:
+        raise PermissionError(f"{path}: no permission to read it; change that (chmod), or name a copy") from None
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(f"{path}: {_absence(path)}; expected {what}") from None
+    if not beginning:
+        raise ValueError(f"{path}: is empty (0 bytes); expected {what}: copy or download it again")
+    for pattern, kind in _STAND_INS:
+        if pattern.match(beginning):
+            raise ValueError(f"{path}: is {kind}")
+    return path
+
+
+def _absence(path: Path) -> str:
+    if not path.is_symlink():
+        return "no such file"
+    target = os.readlink(path)
+    if "annex/objects" in Path(target).as_posix():
+        return "a git-annex link to a file that is not here, which `git annex get` fetches"
+    return f"a link to {target}, which does not exist"
 
 
 @contextmanager
