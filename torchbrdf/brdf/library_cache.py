@@ -23,7 +23,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.brdf.column_sources import ROW_CELLS, ColumnSource
-from torchbrdf.brdf.merl import GRID, N_CELLS, nearest_measured
+from torchbrdf.brdf.merl import GRID, LARGEST, N_CELLS, nearest_measured
 from torchbrdf.files import check_room
 
 FORMAT = 1
@@ -91,11 +91,12 @@ def _is_current(folder: Path, stamp: str) -> bool:
         manifest = json.loads((folder / "manifest.json").read_text())
         size = (folder / "columns.f16").stat().st_size
         with safe_open(folder / "library.safetensors", "pt") as tensors:
-            present = set(tensors.keys()) == {"scale", "gram", "valid"}
+            sound = set(tensors.keys()) == {"scale", "gram", "valid"}
+            peak = float(tensors.get_tensor("scale").max()) * 2**_TARGET_EXPONENT
     except (OSError, ValueError, SafetensorError):
         return False
     expected = (FORMAT, stamp, 2 * N_CELLS * 3 * len(manifest.get("names", [])))
-    return present and (manifest.get("format"), manifest.get("stamp"), size) == expected
+    return sound and peak <= LARGEST and (manifest.get("format"), manifest.get("stamp"), size) == expected
 
 
 def _open(folder: Path) -> StoredColumns:

@@ -11,6 +11,8 @@ LAYOUTS = get_args(Layout)
 STD = "brdf_std.binary"
 """The standard deviation of f_r in every cell, as a MERL table, in a folder that `torchbrdf fit` writes."""
 
+TABLE_HELP = "MERL table, .binary, or a folder that `fit` wrote"
+
 _PENALTY_HELP = (
     f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
 )
@@ -22,6 +24,11 @@ _CONSTRAINT_HELP = (
 def add_output(parser: argparse.ArgumentParser, text: str, default: Path | None = None) -> None:
     """`-o`, required where there is no default."""
     parser.add_argument("-o", "--output", type=Path, required=default is None, default=default, help=text)
+
+
+def add_table(parser: argparse.ArgumentParser) -> None:
+    """The table that a command is about; see `_inputs.open_table`."""
+    parser.add_argument("brdf", type=Path, metavar="BRDF", help=TABLE_HELP)
 
 
 def add_light(parser: argparse.ArgumentParser, required: bool = True, default: str | None = None) -> None:
