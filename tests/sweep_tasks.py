@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from torchbrdf.files import writing
 from torchbrdf.sweep import Task
 
 PATIENCE = 120
@@ -29,6 +30,13 @@ def spectrum(seed: int, log: str, seconds: float = 0, stuck: str | None = None) 
     values, vectors = torch.linalg.eigh(matrix @ matrix.T)
     numbers = {"values": values.tolist(), "sum": float(vectors.sum()), "pair": (1, seed)}
     return {"threads": torch.get_num_threads(), **numbers}
+
+
+def writes_for_ever(seed: int, log: str) -> None:
+    """A task that ends in the middle of a file."""
+    with writing(Path(log) / f"{seed}") as temporary:
+        temporary.write_text("half")
+        time.sleep(2 * PATIENCE)
 
 
 def fails_at_two(seed: int, log: str) -> int:

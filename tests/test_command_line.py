@@ -1,11 +1,17 @@
 """What every command and script says when something is wrong."""
 
 import argparse
+import contextlib
+import signal
+from pathlib import Path
 
 import pytest
 
 from torchbrdf.command_line import Parser, exit_status
+from torchbrdf.files import writing
 from torchbrdf.mitsuba_startup import MitsubaUnavailableError
+
+ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @pytest.mark.parametrize(
@@ -16,6 +22,11 @@ from torchbrdf.mitsuba_startup import MitsubaUnavailableError
         (ValueError("no such light"), 2, "bake: error: no such light\n"),
         (FileNotFoundError("a.exr: no such file"), 2, "bake: error: a.exr: no such file\n"),
         (MitsubaUnavailableError("no LLVM"), 2, "bake: error: no LLVM\n"),
+        (
+            RuntimeError("[enforce fail at alloc_cpu.cpp:117] DefaultCPUAllocator: can't allocate memory: you tried"),
+            2,
+            "bake: error: not enough memory for that: ask for fewer pixels, samples or materials\n",
+        ),
         (KeyboardInterrupt(), 130, "bake: run it again\n"),
     ],
 )
@@ -39,6 +50,60 @@ def test_a_script_without_such_a_message_ends_in_silence(capsys: pytest.CaptureF
 
     assert exit_status("bake", run, argparse.Namespace()) == 130
     assert capsys.readouterr().err == ""
+
+
+class TestSignals:
+    """Sent to this process; `tests/test_interruption.py` sends them to a command."""
+
+    @staticmethod
+    def received(number: signal.Signals, capsys: pytest.CaptureFixture[str], then: Exception | None = None) -> str:
+        """What is said after a signal, which something on the way may turn into another error, or swallow."""
+
+        def run(_: argparse.Namespace) -> None:
+            try:
+                signal.raise_signal(number)
+            except KeyboardInterrupt:
+                if then is None:
+                    raise
+                raise then from None
+
+        assert exit_status("bake", run, argparse.Namespace(), "interrupted; nothing is lost") == 128 + number
+        return capsys.readouterr().err
+
+    @pytest.mark.parametrize("number", ENDING)
+    def test_one_line_and_the_status_of_the_signal(self, number: signal.Signals, capsys: pytest.CaptureFixture[str]):
+        named = "" if number == signal.SIGINT else f" ({number.name})"
+        assert self.received(number, capsys) == f"bake: interrupted; nothing is lost{named}\n"
+
+    @pytest.mark.parametrize("number", ENDING)
+    def test_an_error_that_the_signal_became(self, number: signal.Signals, capsys: pytest.CaptureFixture[str]):
+        """As where it comes in a callback from C, or to the processes of a sweep, too."""
+        said = self.received(number, capsys, RuntimeError("a callback failed"))
+        assert said.startswith("bake: interrupted; nothing is lost")
+
+    def test_a_signal_that_the_program_ends_by(self, capsys: pytest.CaptureFixture[str]):
+        """A server ends without an error."""
+
+        def run(_: argparse.Namespace) -> None:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+
+        assert exit_status("live", run, argparse.Namespace()) == 143
+        assert capsys.readouterr().err == "live: ended (SIGTERM)\n"
+
+    def test_what_its_clean_up_did_not_reach_is_removed(self, tmp_path: Path):
+        """A second signal may cut in where nothing holds it back; what the caller writes is the caller's."""
+
+        def run(_: argparse.Namespace) -> None:
+            left = writing(tmp_path / "x.binary")
+            left.__enter__()
+            others.append(left)
+            signal.raise_signal(signal.SIGTERM)
+
+        others: list[object] = []
+        with writing(tmp_path / "mine") as mine:
+            assert exit_status("bake", run, argparse.Namespace()) == 143
+            assert list(tmp_path.iterdir()) == [mine]
 
 
 def test_other_errors_of_a_script_keep_their_traceback() -> None:

@@ -1,11 +1,28 @@
 import errno
 import os
 import re
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import torch
+from safetensors.torch import save_file
 
-from torchbrdf.files import cache_folder, existing_file, writing
+from failures import fails
+from torchbrdf import MerlTable, files, write_image
+from torchbrdf.files import (
+    FullDiskError,
+    being_written,
+    cache_folder,
+    existing_file,
+    remove_unfinished,
+    replacing_folder,
+    writing,
+    writing_folder,
+)
 
 TABLE = "a MERL .binary table"
 LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsize 34992012\n"
@@ -183,3 +200,180 @@ def test_cache_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytes
 
 def test_tests_do_not_use_the_users_cache(own_cache: Path):
     assert cache_folder() == own_cache
+
+
+class TestFolders:
+    def test_files_move_beside_those_that_are_there(self, tmp_path: Path):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "old").touch()
+        with writing_folder(tmp_path / "out") as temporary:
+            (temporary / "new").touch()
+        assert sorted(os.listdir(tmp_path / "out")) == ["new", "old"]
+        assert os.listdir(tmp_path) == ["out"]
+
+    def test_a_folder_is_replaced_as_a_whole(self, tmp_path: Path):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "old").touch()
+        with replacing_folder(tmp_path / "out", "") as temporary:
+            (temporary / "new").touch()
+        assert os.listdir(tmp_path / "out") == ["new"]
+        assert os.listdir(tmp_path) == ["out"]
+
+    @pytest.mark.parametrize("write", [writing_folder, lambda path: replacing_folder(path, "")])
+    def test_failure_leaves_nothing(self, tmp_path: Path, write):
+        def fail() -> None:
+            with write(tmp_path / "out") as temporary:
+                (temporary / "half").touch()
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            fail()
+        assert os.listdir(tmp_path) == []
+
+
+def test_what_an_interrupted_clean_up_left_is_removed_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def interrupted(_: Path) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "_remove", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            write_half(tmp_path / "out.exr", ValueError)
+    assert len(os.listdir(tmp_path)) == 1
+    remove_unfinished(being_written())
+    assert len(os.listdir(tmp_path)) == 1
+    remove_unfinished()
+    assert os.listdir(tmp_path) == []
+
+
+class TestFullDisk:
+    """Simulated by errors as writers raise them; `TestTinyDisk` fills a real one where it may."""
+
+    FULL = OSError(errno.ENOSPC, "No space left on device")
+
+    def refused(self, path: Path, error: Exception, left: int | None = None) -> FullDiskError:
+        def fail() -> None:
+            with writing(path) as temporary:
+                temporary.write_bytes(b"half")
+                raise error
+
+        with pytest.MonkeyPatch.context() as patch:
+            if left is not None:
+                patch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=left))
+            with pytest.raises(FullDiskError) as raised:
+                fail()
+        assert os.listdir(path.parent) == []
+        return raised.value
+
+    @pytest.mark.parametrize(
+        ("error", "left"),
+        [
+            (FULL, None),
+            (type("SafetensorError", (Exception,), {})("I/O error: No space left on device (os error 28)"), None),
+            (OSError("Not enough free space to write 34992000 bytes after offset 12"), None),
+            (OSError("1458000 requested and 4096 written"), 0),
+            (RuntimeError("Error writing image file"), 4096),
+        ],
+        ids=["system", "safetensors", "numpy before", "numpy meanwhile", "OpenEXR"],
+    )
+    def test_the_file_and_the_disk_are_named(self, tmp_path: Path, error: Exception, left: int | None):
+        path = tmp_path / "out.exr"
+        found = self.refused(path, error, left)
+        assert (found.errno, found.filename) == (errno.ENOSPC, str(path))
+        mount = next(str(folder) for folder in path.parents if os.path.ismount(folder))
+        assert found.strerror == (
+            f"cannot be written to the disk at {mount}: it is full; make room there, or choose another folder"
+        )
+
+    def test_a_quota(self, tmp_path: Path):
+        found = self.refused(tmp_path / "out.exr", OSError(errno.EDQUOT, "Disk quota exceeded"))
+        assert ": your quota is used up; make room there" in found.strerror
+
+    @pytest.mark.parametrize("error", [ValueError("the ball is black"), FileNotFoundError(errno.ENOENT, "no", "x.exr")])
+    def test_bad_input_stays_bad_input(self, tmp_path: Path, error: Exception, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=0))
+        with pytest.raises(type(error)) as raised, writing(tmp_path / "out.exr"):
+            raise error
+        assert raised.value is error
+
+    def test_errors_without_a_reason_stay_where_there_is_room(self, tmp_path: Path):
+        with pytest.raises(RuntimeError, match="no such operator"), writing(tmp_path / "out.exr"):
+            raise RuntimeError("no such operator")
+
+    def test_a_file_of_a_folder_is_named_where_it_was_to_be(self, tmp_path: Path):
+        def fail() -> None:
+            with writing_folder(tmp_path / "out") as folder, writing(folder / "brdf.binary"):
+                raise self.FULL
+
+        with pytest.raises(FullDiskError) as raised:
+            fail()
+        assert raised.value.filename == str(tmp_path / "out" / "brdf.binary")
+        assert os.listdir(tmp_path) == []
+
+    def test_another_file_on_another_disk_is_named_itself(self, tmp_path: Path):
+        def fail() -> None:
+            with writing(tmp_path / "out.exr"):
+                raise OSError(errno.ENOSPC, "No space left on device", "/dev/shm/other")
+
+        with pytest.raises(FullDiskError) as raised:
+            fail()
+        assert raised.value.filename == "/dev/shm/other"
+
+
+@pytest.fixture
+def tiny_disk(tmp_path: Path) -> Iterator[Path]:
+    """1 MB, mounted for one test."""
+    folder = tmp_path / "tiny"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no disk can be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def _table(path: Path) -> None:
+    MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.1)).save(path)
+
+
+def _image(path: Path) -> None:
+    write_image(path, torch.rand(3, 600, 600))
+
+
+def _tensors(path: Path) -> None:
+    with writing(path) as temporary:
+        save_file({"x": torch.zeros(10**6)}, temporary)
+
+
+def _page(path: Path) -> None:
+    with writing(path) as temporary:
+        temporary.write_text("x" * 2 * 10**6)
+
+
+class TestTinyDisk:
+    @pytest.mark.parametrize(
+        ("name", "write"),
+        [
+            ("x.binary", _table),
+            ("x.exr", _image),
+            ("x.hdr", _image),
+            ("x.png", _image),
+            ("x.safetensors", _tensors),
+            ("x.html", _page),
+        ],
+    )
+    def test_every_writer_names_it_and_leaves_nothing(self, tiny_disk: Path, name: str, write: Callable[[Path], None]):
+        with pytest.raises(FullDiskError) as raised:
+            write(tiny_disk / name)
+        assert raised.value.filename == str(tiny_disk / name)
+        assert f"to the disk at {tiny_disk}: it is full" in raised.value.strerror
+        assert os.listdir(tiny_disk) == []
+
+    def test_a_command_ends_in_one_line(self, tiny_disk: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path):
+        _table(tmp_path / "grey.binary")
+        out = tiny_disk / "scene"
+        line = fails(capsys, "export", tmp_path / "grey.binary", "--probe", "default", "--size", 8, "-o", out)
+        assert f" error: {out / 'brdf.binary'}: cannot be written to the disk at {tiny_disk}: it is full" in line
+        assert os.listdir(tiny_disk) == []

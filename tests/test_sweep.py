@@ -191,6 +191,35 @@ class TestProcesses:
         wait_for(lambda: not group(process.pid))
         assert said.count("Traceback") == said.count("\nKeyboardInterrupt") == (when != "killed")  # of the first alone
 
+    @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+    @pytest.mark.parametrize("receiver", ["the first alone", "all of them"])
+    def test_sigterm_ends_all_of_them_and_leaves_nothing(self, receiver: str, tmp_path: Path) -> None:
+        program, files, out = tmp_path / "program.py", tmp_path / "files", tmp_path / "out"
+        files.mkdir()
+        program.write_text(
+            f"import sys; sys.path.insert(0, {HERE!r}); import sweep_tasks as t; from torchbrdf.sweep import sweep\n"
+            "from torchbrdf.command_line import RESUMABLE, exit_status\n"
+            "def run(_): sweep(t.writes_for_ever, "
+            f"t.tasks({str(files)!r}), {str(out)!r}, processes=2)\n"
+            "if __name__ == '__main__': sys.exit(exit_status('program', run, None, RESUMABLE))\n"
+        )
+        process = subprocess.Popen(
+            [sys.executable, str(program)], stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=ROOT
+        )
+        wait_for(lambda: len(list(files.iterdir())) == 2)
+        if receiver == "all of them":
+            os.killpg(process.pid, signal.SIGTERM)
+        else:
+            process.terminate()
+        said = process.communicate(timeout=PATIENCE)[1].splitlines()
+        assert process.returncode == 143
+        assert [line for line in said if line.strip() and "%|" not in line] == [
+            "program: interrupted; the same command goes on where it stopped (SIGTERM)"
+        ]
+        wait_for(lambda: not group(process.pid))
+        assert list(files.iterdir()) == []
+        assert list(out.iterdir()) == []
+
 
 @pytest.fixture(scope="class")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:

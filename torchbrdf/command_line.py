@@ -1,13 +1,20 @@
 """How every command and script says what is wrong: one line on stderr, and an exit status."""
 
 import argparse
+import re
+import signal
 import sys
 from collections.abc import Callable
 from typing import NoReturn, Self
 
+from torchbrdf.files import being_written, remove_unfinished
+from torchbrdf.interruption import interruptible
+
 BAD_INPUT = 2
 WARNED = 3
 INTERRUPTED = 130
+
+_OUT_OF_MEMORY = re.compile("can't allocate memory|out of memory", re.I)
 
 RESUMABLE = "interrupted; the same command goes on where it stopped"
 """What is said after Ctrl-C where what is finished is kept."""
@@ -33,27 +40,51 @@ def exit_status(
     options: argparse.Namespace,
     interrupted: str | None = None,
 ) -> int:
-    """Run a program: what it returns, else 0; BAD_INPUT after one line for bad input or without Mitsuba; INTERRUPTED.
+    """Run a program: what it returns, else 0; BAD_INPUT after one line for bad input or without Mitsuba.
 
     name         of the program, before what is said
     interrupted  what to say after Ctrl-C, unless the interruption says it itself; None to say nothing
+    After Ctrl-C INTERRUPTED, after SIGTERM 143, after SIGHUP 129: 128 and the signal, which is said.
     """
-    try:
-        return run(options) or 0
-    except OSError as error:
-        return fail(name, f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
-    except ValueError as error:
-        return fail(name, str(error))
-    except ImportError as error:
+    message, others = None, being_written()
+    with interruptible() as interruption:
+        try:
+            try:
+                status = run(options) or 0
+            finally:
+                interruption.close()
+        except KeyboardInterrupt as error:
+            status, message = INTERRUPTED, str(error) or interrupted
+        except Exception as error:
+            if interruption.raised:  # as what ran in C or in another process passes it on
+                status, message = INTERRUPTED, interrupted
+            else:
+                status = fail(name, _in_words(error))
+        finally:
+            if interruption.raised:
+                remove_unfinished(others)
+    if interruption.raised and interruption.received not in (None, signal.SIGINT):
+        say(name, f"{message or 'ended'} ({interruption.received.name})")
+        return 128 + interruption.received
+    if message:
+        say(name, message)
+    return status
+
+
+def _in_words(error: Exception) -> str:
+    """What is wrong with the input or this machine; raises errors that are neither."""
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
+    if isinstance(error, ValueError):
+        return str(error)
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _OUT_OF_MEMORY.search(str(error))):
+        return "not enough memory for that: ask for fewer pixels, samples or materials"
+    if isinstance(error, ImportError):
         from torchbrdf.mitsuba_startup import MitsubaUnavailableError
 
-        if not isinstance(error, MitsubaUnavailableError):
-            raise
-        return fail(name, str(error))
-    except KeyboardInterrupt as interruption:
-        if message := str(interruption) or interrupted:
-            say(name, message)
-        return INTERRUPTED
+        if isinstance(error, MitsubaUnavailableError):
+            return str(error)
+    raise error
 
 
 def say(name: str, message: str) -> None:

@@ -3,12 +3,14 @@
 import errno
 import os
 import re
+import secrets
 import shutil
 import stat
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from torchbrdf.interruption import uninterrupted
 
 _STAND_INS = (
     (
@@ -30,6 +32,14 @@ _STAND_INS = (
 """How files begin that lie in the place of another, and what they are."""
 
 _BEGINNING_BYTES = 1024
+_FULL_DISK = re.compile(r"no space left|not enough (free )?space|disk quota", re.I)
+_PRACTICALLY_NOTHING = 1 << 16
+"""Bytes left where a write that did not say why it failed failed for want of room."""
+
+OTHER_DISK = "set TORCHBRDF_CACHE to another disk"
+"""What one can do where the disk of the caches is full."""
+
+_being_written: set[Path] = set()
 
 
 def existing_file(path: str | os.PathLike[str], what: str) -> Path:
@@ -69,28 +79,25 @@ def _absence(path: Path) -> str:
     return f"a link to {target}, which does not exist"
 
 
+class FullDiskError(OSError):
+    """A file cannot be written: its disk is full, or the user's quota of it."""
+
+
 @contextmanager
-def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def writing(path: str | os.PathLike[str], otherwise: str = "choose another folder") -> Iterator[Path]:
     """A temporary path beside `path`, with its suffix, that replaces `path` when the block ends without an error.
 
+    otherwise  what one can do beside making room where the disk is full, as the end of the message
     Where the block raises, or is interrupted, the temporary file is removed and `path` stays as it was.
     """
     path = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise _unwritable(error, path) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
+    with _unfinished(path.parent, path.stem, path.suffix) as temporary, _naming_the_disk(path, temporary, otherwise):
+        try:
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        except OSError as error:
+            raise _unwritable(error, path) from None
         yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 @contextmanager
@@ -100,21 +107,96 @@ def writing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     anchor = path.parent
     while not anchor.exists():
         anchor = anchor.parent
-    try:
-        if path.exists() and not path.is_dir():
-            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
-        if path.exists() and not os.access(path, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=anchor))
-    except OSError as error:
-        raise _unwritable(error, path) from None
+    with _unfinished(anchor, path.name) as temporary, _naming_the_disk(path, temporary):
+        try:
+            if path.exists() and not path.is_dir():
+                raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+            if path.exists() and not os.access(path, os.W_OK | os.X_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            temporary.mkdir()
+        except OSError as error:
+            raise _unwritable(error, path) from None
+        yield temporary
+        with uninterrupted():
+            path.mkdir(parents=True, exist_ok=True)
+            for file in temporary.iterdir():
+                os.replace(file, path / file.name)
+
+
+@contextmanager
+def replacing_folder(path: Path, otherwise: str) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its place as a whole; see `writing`."""
+    with _unfinished(path.parent, path.name) as temporary, _naming_the_disk(path, temporary, otherwise):
+        temporary.mkdir()
+        yield temporary
+        with uninterrupted():
+            shutil.rmtree(path, ignore_errors=True)
+            os.replace(temporary, path)
+
+
+def being_written() -> frozenset[Path]:
+    """The temporary files and folders of this process."""
+    return frozenset(_being_written)
+
+
+def remove_unfinished(other_than: frozenset[Path] = frozenset()) -> None:
+    """Remove what was being written where an interruption cut the clean-up short, at the end of a program."""
+    for temporary in being_written() - other_than:
+        _remove(temporary)
+
+
+@contextmanager
+def _unfinished(folder: Path, stem: str, suffix: str = "") -> Iterator[Path]:
+    """A name in a folder, not yet taken, of what is gone at the end of the block unless it was renamed."""
+    temporary = folder / f".{stem}.{secrets.token_hex(4)}{suffix}"
+    _being_written.add(temporary)
     try:
         yield temporary
-        path.mkdir(parents=True, exist_ok=True)
-        for file in temporary.iterdir():
-            os.replace(file, path / file.name)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _remove(temporary)
+
+
+def _remove(temporary: Path) -> None:
+    with uninterrupted():
+        if temporary.is_dir():
+            shutil.rmtree(temporary, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                temporary.unlink()
+        _being_written.discard(temporary)
+
+
+@contextmanager
+def _naming_the_disk(path: Path, temporary: Path, otherwise: str = "choose another folder") -> Iterator[None]:
+    """Say that the disk is full where that is why `temporary`, which becomes `path`, cannot be written."""
+    try:
+        yield
+    except FullDiskError as error:
+        inner = Path(error.filename)
+        if temporary in inner.parents:
+            error.filename = str(path / inner.relative_to(temporary))
+        raise
+    except Exception as error:
+        if not _disk_is_full(error, temporary.parent):
+            if type(error).__name__ == "SafetensorError":  # which is no OSError
+                raise OSError(errno.EIO, f"cannot be written ({error})", str(path)) from None
+            raise
+        named = getattr(error, "filename", None)
+        elsewhere = isinstance(named, str) and temporary not in (Path(named), *Path(named).parents)
+        target = Path(named) if isinstance(named, str) and elsewhere else path
+        mount = next(folder for folder in target.absolute().parents if os.path.ismount(folder))
+        full = "your quota is used up" if getattr(error, "errno", None) == errno.EDQUOT else "it is full"
+        text = f"cannot be written to the disk at {mount}: {full}; make room there, or {otherwise}"
+        raise FullDiskError(errno.ENOSPC, text, str(target)) from None
+
+
+def _disk_is_full(error: Exception, folder: Path) -> bool:
+    """Whether an error is one of a full disk. Writers in C and C++ say so in words, or not at all."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno in (errno.ENOSPC, errno.EDQUOT)
+    if _FULL_DISK.search(str(error)):
+        return True
+    return isinstance(error, (OSError, RuntimeError)) and shutil.disk_usage(folder).free < _PRACTICALLY_NOTHING
 
 
 def _unwritable(error: OSError, path: Path) -> OSError:
@@ -129,8 +211,8 @@ def check_room(folder: Path, size: float, what: str, otherwise: str = "") -> Non
     free = shutil.disk_usage(folder).free
     if free < size:
         raise OSError(
-            f"{folder}: {what} needs {size / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make room or set "
-            f"TORCHBRDF_CACHE to another disk{otherwise}"
+            f"{folder}: {what} needs {size / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make room or {OTHER_DISK}"
+            f"{otherwise}"
         )
 
 

@@ -22,13 +22,15 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 import torch
 from tqdm import tqdm
 
 from torchbrdf._version import __version__
-from torchbrdf.files import writing
+from torchbrdf.files import remove_unfinished, writing
+from torchbrdf.interruption import uninterrupted
 
 _CONNECT_SECONDS = 10
 
@@ -174,7 +176,7 @@ def _in_processes(call: Call, tasks: Sequence[Task], processes: int) -> Finished
     context = multiprocessing.get_context("spawn")  # a fork would share the locks of torch's threads
     pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent)
     try:
-        with _children_ignore_interrupts():
+        with uninterrupted(), _children_ignore_interrupts():
             futures = {pool.submit(call, task): task for task in tasks}
         for future in completed_here(futures):
             yield futures[future], future.result()
@@ -184,9 +186,10 @@ def _in_processes(call: Call, tasks: Sequence[Task], processes: int) -> Finished
             "processes if need be"
         ) from None
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
+        with uninterrupted():
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in set(multiprocessing.active_children()) - before:
+                child.terminate()
 
 
 @contextmanager
@@ -215,16 +218,25 @@ def _children_ignore_interrupts() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """A child whose parent was killed would wait for tasks for ever."""
+    """A child whose parent was killed would wait for tasks for ever. However one ends, no file stays half written."""
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _leave)
     parent = multiprocessing.parent_process()
     if parent is None:
         return
 
     def watch() -> None:
         parent.join()
+        remove_unfinished()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _leave(number: int, _: FrameType | None) -> NoReturn:
+    remove_unfinished()
+    os._exit(128 + number)
 
 
 def _on_cluster(call: Call, tasks: Sequence[Task], address: str) -> Finished:

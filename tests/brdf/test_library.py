@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import shutil
@@ -6,6 +7,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -318,6 +320,43 @@ class TestFromMerl:
         assert MaterialLibrary.from_merl(other, progress=False).names == ("red", "snow")
         assert MaterialLibrary.from_merl(two_files, progress=False).names == ("red", "white")
         assert len(finished(fresh_cache)) == 2
+
+    def test_one_folder_down_is_the_same_library(self, two_files: Path, fresh_cache: Path):
+        """And what lies beside the tables is no reason to build it again."""
+        below = two_files / "brdfs"
+        below.mkdir()
+        for name in ("red", "white"):
+            os.rename(two_files / f"{name}.binary", below / f"{name}.binary")
+        first = MaterialLibrary.from_merl(below, progress=False)
+        (cached,) = fresh_cache.rglob("columns.f16")
+        before = cached.stat()
+        (below / "._red.binary").write_bytes(b"\0\5\x16\7")
+        assert MaterialLibrary.from_merl(two_files, progress=False).source == first.source
+        assert [path.stat() for path in fresh_cache.rglob("columns.f16")] == [before]
+
+    def test_the_folder_and_stamp_of_a_cache_are_those_of_earlier_versions(self, two_files: Path, fresh_cache: Path):
+        """What was built by 0.7 for files that did not change is not built again."""
+        MaterialLibrary.from_merl(two_files, progress=False)
+        states = [(p.name, p.stat().st_size, p.stat().st_mtime_ns) for p in sorted(two_files.iterdir())]
+        key = hashlib.sha256(str(two_files.resolve()).encode()).hexdigest()[:12]
+        folder = fresh_cache / "libraries" / f"{two_files.name}-{key}"
+        manifest = json.loads((folder / "manifest.json").read_text())
+        assert manifest["stamp"] == hashlib.sha256(repr(states).encode()).hexdigest()
+
+    def test_a_cache_of_a_table_that_was_taken_unchecked_is_not_used(
+        self, two_files: Path, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        """Before 0.8 cells of 1e300 passed."""
+        raw = bytearray((two_files / "white.binary").read_bytes())
+        raw[12 : 12 + 8] = np.array([1e300]).tobytes()
+        os.remove(two_files / "white.binary")
+        (two_files / "white.binary").write_bytes(raw)
+        with monkeypatch.context() as patch:
+            patch.setattr("torchbrdf.brdf.merl.LARGEST", 1e308)
+            patch.setattr("torchbrdf.brdf.library_cache.LARGEST", 1e308)
+            MaterialLibrary.from_merl(two_files, progress=False)
+        with pytest.raises(ValueError, match=r"white\.binary: 1 cells of the table exceed 1e\+11 1/sr"):
+            MaterialLibrary.from_merl(two_files, progress=False)
 
     @pytest.mark.parametrize("file", ["columns.f16", "library.safetensors", "manifest.json"])
     def test_a_damaged_cache_is_rebuilt(self, two_files: Path, fresh_cache: Path, file: str):

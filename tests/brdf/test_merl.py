@@ -1,4 +1,5 @@
 import itertools
+import math
 from math import pi
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import torch
 from hypothesis import given, strategies as st
 from torch import Tensor
 
+from torchbrdf.analytic import model_of
+from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.brdf.directions import from_half_difference
-from torchbrdf.brdf.merl import MerlTable, above_horizon, cell_index
+from torchbrdf.brdf.merl import LARGEST, MerlTable, above_horizon, cell_centres, cell_index
 
 SHAPE = (90, 90, 180)
 CELLS = 90 * 90 * 180
@@ -139,7 +142,7 @@ def test_interrupted_save_keeps_the_file_that_was_there(
 
 class TestUnsoundFiles:
     def refused(self, path: Path, *expected: str) -> None:
-        with pytest.raises(ValueError, match=r"MERL|NaN|measured") as caught:
+        with pytest.raises(ValueError, match=r"MERL|NaN|measured|exceed") as caught:
             MerlTable.open(path)
         message = str(caught.value)
         assert "\n" not in message
@@ -153,7 +156,21 @@ class TestUnsoundFiles:
 
     def test_empty(self, tmp_path: Path):
         (tmp_path / "t.binary").write_bytes(b"")
-        self.refused(tmp_path / "t.binary", "not a MERL table: the header must be (90, 90, 180)")
+        self.refused(tmp_path / "t.binary", "is empty (0 bytes); expected a MERL .binary table")
+
+    def test_git_lfs_pointer(self, tmp_path: Path):
+        (tmp_path / "t.binary").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\n")
+        with pytest.raises(ValueError, match=r"t\.binary: is a Git LFS pointer; `git lfs pull`"):
+            MerlTable.open(tmp_path / "t.binary")
+
+    def test_folder(self, tmp_path: Path):
+        with pytest.raises(IsADirectoryError, match=r": is a folder; expected a MERL \.binary table$"):
+            MerlTable.open(tmp_path)
+
+    def test_all_of_phi_d(self, tmp_path: Path):
+        """As files of BRDFs that are not reciprocal have it: 90 x 90 x 360."""
+        path = write_file(tmp_path / "t.fullbin", np.zeros((3, 1)), (90, 90, 360))
+        self.refused(path, "a MERL table of all of phi_d, (90, 90, 360)", "write that half of it")
 
     def test_shorter_than_a_header(self, tmp_path: Path):
         (tmp_path / "t.binary").write_bytes(b"\x5a\0\0\0\x5a\0\0")
@@ -200,17 +217,26 @@ class TestUnsoundFiles:
         monkeypatch.setattr(np, "fromfile", None)
         self.refused(path, "oversized", str(2**40))
 
-    @pytest.mark.parametrize("value", [float("nan"), float("inf")])
+    @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
     def test_nan_or_infinity_above_the_horizon(self, stored: np.ndarray, tmp_path: Path, value: float):
         planes = np.abs(stored)
         planes[2, [0, 5]] = value
         path = write_file(tmp_path / "t.binary", planes)
-        self.refused(path, "2 cells of the table are NaN or infinite")
+        self.refused(path, f"{path}: 2 cells of the table are NaN or infinite; a file that holds them is damaged")
 
-    def test_nan_beside_a_negative_channel_is_still_found(self, stored: np.ndarray, tmp_path: Path):
+    @pytest.mark.parametrize("value", [float("nan"), float("inf")])
+    def test_nan_beside_a_negative_channel_is_still_found(self, stored: np.ndarray, tmp_path: Path, value: float):
         planes = np.abs(stored)
-        planes[:, 0] = (-1.0, float("nan"), 1.0)
+        planes[:, 0] = (-1.0, value, 1.0)
         self.refused(write_file(tmp_path / "t.binary", planes), "1 cells of the table are NaN or infinite")
+
+    @pytest.mark.parametrize("value", [1e16, 1e40, 1e300])
+    def test_more_than_any_mirror(self, stored: np.ndarray, tmp_path: Path, value: float):
+        planes = np.abs(stored)
+        planes[0, [0, 5, 7]] = value
+        path = write_file(tmp_path / "t.binary", planes)
+        said = f"{path}: 3 cells of the table exceed 1e+11 1/sr, up to {value / 1500:.2g}, which no BRDF can"
+        self.refused(path, said)
 
     def test_file_without_one_measured_cell(self, tmp_path: Path):
         """A directory of such files must not end in a traceback: it is an unsound table."""
@@ -230,6 +256,34 @@ def test_constructor_refuses_nan_where_measured():
     values[0, 0, 0, 1] = float("nan")
     with pytest.raises(ValueError, match="odd: 1 cells of the table are NaN or infinite"):
         MerlTable(values, torch.ones(SHAPE, dtype=torch.bool), "odd")
+
+
+def test_the_bound_lies_above_every_mirror_that_the_grid_resolves():
+    """Light spread over the half vectors of the smallest cell, all of it reflected, at the grazing end of the grid."""
+    cap = 2 * pi * (1 - math.cos(pi / 2 / 90**2))
+    cosine = math.cos(89.5 / 90 * pi / 2)
+    assert 1 / (4 * cap * cosine**2) < LARGEST < 10 / (4 * cap * cosine**2)
+
+
+def test_a_sharp_mirror_passes(tmp_path: Path):
+    """GGX of alpha 0.001, the sharpest that `analytic` fits: 1e9 1/sr at grazing angles."""
+    model = model_of("ggx")
+    numbers = {"diffuse": 0.0, "specular": 1.0, "roughness": 1e-3}
+    parameters = {name: torch.full((1,), number, dtype=torch.float64) for name, number in numbers.items()}
+    above = above_horizon()
+    values = torch.zeros(*SHAPE, 3, dtype=torch.float64)
+    angles = (angle[above] for angle in torch.broadcast_tensors(*cell_centres()))
+    values[above] = model.evaluate(parameters, ShadingGeometry.of_angles(*angles))
+    table = MerlTable(values, above)
+    assert float(table.values[table.valid].max()) > 1e8
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e300])
+def test_what_was_not_measured_may_hold_anything(stored: np.ndarray, tmp_path: Path, value: float):
+    """Below the horizon models divide by a cosine of 0."""
+    planes = np.abs(stored)
+    planes[:, ~above_horizon().numpy().ravel()] = value
+    assert torch.isfinite(MerlTable.open(write_file(tmp_path / "t.binary", planes)).filled).all()
 
 
 def test_constructor_refuses_a_table_without_measured_cells():

@@ -19,12 +19,68 @@ def test_paths_are_sorted_and_other_files_ignored(tmp_path: Path):
     assert [path.name for path in table_paths(tmp_path)] == ["brass.binary", "steel.binary"]
 
 
+def test_hidden_files_are_no_tables_and_capitals_are(tmp_path: Path):
+    """macOS leaves ._brass.binary beside brass.binary on disks of other systems."""
+    for name in ("._brass.binary", ".steel.binary", "brass.BINARY", "nylon.FullBin", "pvc.Binary"):
+        (tmp_path / name).write_bytes(b"")
+    assert [path.name for path in table_paths(tmp_path)] == ["brass.BINARY", "nylon.FullBin", "pvc.Binary"]
+
+
+class TestOneFolderDown:
+    def test_the_only_folder_that_holds_tables(self, tmp_path: Path):
+        for folder, name in (("brdfs", "brass.binary"), ("code", "BRDFRead.cpp"), ("__MACOSX", "._brass.binary")):
+            (tmp_path / folder).mkdir()
+            (tmp_path / folder / name).write_bytes(b"")
+        (tmp_path / ".hidden").mkdir()
+        (tmp_path / ".hidden" / "steel.binary").write_bytes(b"")
+        assert table_paths(tmp_path) == [tmp_path / "brdfs" / "brass.binary"]
+
+    def test_several_are_named(self, tmp_path: Path):
+        for folder in ("a", "b"):
+            (tmp_path / folder).mkdir()
+            (tmp_path / folder / "brass.binary").write_bytes(b"")
+        with pytest.raises(ValueError, match=r"2 folders in it hold MERL \*\.binary files; name one: ") as raised:
+            table_paths(tmp_path)
+        assert str(raised.value).endswith(f"{tmp_path / 'a'}, {tmp_path / 'b'}")
+
+    def test_tables_of_the_folder_itself_come_first(self, tmp_path: Path):
+        (tmp_path / "brdfs").mkdir()
+        for path in (tmp_path / "steel.binary", tmp_path / "brdfs" / "brass.binary"):
+            path.write_bytes(b"")
+        assert table_paths(tmp_path) == [tmp_path / "steel.binary"]
+
+
+@pytest.mark.parametrize("second", ["brass.BINARY", "brass.fullbin"])
+def test_two_tables_of_one_name(tmp_path: Path, second: str):
+    if (tmp_path / "x").touch() or (tmp_path / "X").exists():
+        pytest.skip("this file system does not tell capitals")
+    for name in ("brass.binary", second):
+        (tmp_path / name).write_bytes(b"")
+    first, last = sorted(["brass.binary", second])
+    with pytest.raises(ValueError, match=f": {first} and {last} are of one name; keep one of them$"):
+        table_paths(tmp_path)
+
+
 @pytest.mark.parametrize("read", [table_paths, verify])
 def test_absent_and_empty_directories(tmp_path: Path, read):
     with pytest.raises(FileNotFoundError, match=r"gone: no such directory; expected a folder of MERL \*\.binary"):
         read(tmp_path / "gone")
-    with pytest.raises(ValueError, match=r"holds no materials; expected MERL \*\.binary files"):
+    with pytest.raises(ValueError, match=r"holds no materials; expected MERL \*\.binary files, found nothing$"):
         read(tmp_path)
+    (tmp_path / "brass.binary").write_bytes(b"")
+    with pytest.raises(NotADirectoryError, match=r"brass\.binary: is a file; expected a folder of MERL"):
+        read(tmp_path / "brass.binary")
+
+
+def test_what_lies_there_instead_of_tables_is_said(tmp_path: Path):
+    for name in ("a.exr", "b.exr", "merl.zip", "README", "._brass.binary"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "code").mkdir()
+    with pytest.raises(ValueError, match="holds no materials") as raised:
+        table_paths(tmp_path)
+    assert str(raised.value).endswith(
+        "found 2 .exr, 1 file without suffix, 1 folder, 1 .zip, 1 *.binary whose names begin with a dot"
+    )
 
 
 def test_verify_says_what_is_sound_what_is_wrong_and_what_is_missing(merl_directory: Path, tmp_path: Path):
@@ -37,7 +93,9 @@ def test_verify_says_what_is_sound_what_is_wrong_and_what_is_missing(merl_direct
     (tmp_path / "steel.binary").write_bytes(np.array([180, 90, 90], "<i4").tobytes() + whole[12:])
     (tmp_path / "teflon.binary").write_bytes(whole[:12] + np.array([np.nan], "<f8").tobytes() + whole[20:])
     (tmp_path / "pvc.binary").mkdir()
+    (tmp_path / "._brass.binary").write_bytes(b"\0\5\x16\7")
     report = verify(tmp_path)
+    assert report.folder == tmp_path
     assert set(report.sound) == {"brass", "my-own-paint"}
     assert set(report.unsound) == {"chrome", "nylon", "steel", "teflon", "pvc"}
     assert "truncated" in report.unsound["chrome"]

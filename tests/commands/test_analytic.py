@@ -184,7 +184,7 @@ def test_tables_that_are_none(capsys, tmp_path, cell, message):
     path = stored(tmp_path / "bad.binary", cells if cell else 0 * cells)
     line = assert_fails(capsys, tmp_path, path, "--model", "lambert", "-o", tmp_path / "x.glb")
     assert line.startswith(f"{path}: ")
-    assert line.endswith(message)
+    assert message in line
 
 
 def test_inputs_that_are_not_there(capsys, tmp_path):

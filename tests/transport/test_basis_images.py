@@ -163,7 +163,12 @@ class TestFiles:
         with pytest.raises(FileNotFoundError, match=r"gone\.safetensors: no such file; expected basis images"):
             BasisImages.load(tmp_path / "gone.safetensors")
 
-    @pytest.mark.parametrize("content", [b"", b"neither", b"\xff" * 200], ids=["empty", "text", "bytes"])
+    def test_empty(self, tmp_path: Path):
+        (tmp_path / "b.safetensors").touch()
+        with pytest.raises(ValueError, match=r"b\.safetensors: is empty \(0 bytes\); expected basis images"):
+            BasisImages.load(tmp_path / "b.safetensors")
+
+    @pytest.mark.parametrize("content", [b"neither", b"\xff" * 200], ids=["text", "bytes"])
     def test_another_kind_of_file(self, tmp_path: Path, content: bytes):
         (tmp_path / "b.safetensors").write_bytes(content)
         with pytest.raises(ValueError, match=r"b\.safetensors: not basis images"):

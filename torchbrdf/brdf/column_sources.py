@@ -38,11 +38,12 @@ class ColumnSource(Protocol):
 
 
 class MerlSource:
-    """A directory of MERL `.binary` files."""
+    """A directory of MERL tables; `folder` is where they lie, perhaps one folder down."""
 
     def __init__(self, directory: str | os.PathLike[str]) -> None:
         """Find the files; raises as `table_paths`."""
         self.paths = table_paths(directory)
+        self.folder = self.paths[0].parent
         self.names = tuple(path.stem for path in self.paths)
 
     @property

@@ -4,7 +4,6 @@ import hashlib
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -38,17 +37,17 @@ class MaterialLibrary:
 
     @classmethod
     def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":
-        """The MERL `*.binary` files of a directory, at least 8, converted once to a cache that is memory-mapped after.
+        """The `table_paths` of a directory, at least 8, converted once to a cache that is memory-mapped after.
 
-        Raises FileNotFoundError or ValueError where the directory holds no materials or an unsound one.
+        Raises OSError or ValueError where the directory holds no materials or an unsound one.
         """
         source = MerlSource(directory)
         if len(source.names) < MIN_MATERIALS:
             raise ValueError(
-                f"{directory}: a library needs at least {MIN_MATERIALS} materials, found {len(source.names)}; "
+                f"{source.folder}: a library needs at least {MIN_MATERIALS} materials, found {len(source.names)}; "
                 "add MERL *.binary files"
             )
-        resolved = Path(directory).resolve()
+        resolved = source.folder.resolve()
         key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
         folder = cache_folder() / "libraries" / f"{resolved.name}-{key}"
         return cls._whole(open_or_build(source, folder, progress))

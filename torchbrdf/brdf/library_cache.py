@@ -8,9 +8,7 @@ lock in a temporary folder and renamed, so what carries the final name is finish
 import hashlib
 import json
 import mmap
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +21,8 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.brdf.column_sources import ROW_CELLS, ColumnSource
-from torchbrdf.brdf.merl import GRID, N_CELLS, nearest_measured
-from torchbrdf.files import check_room
+from torchbrdf.brdf.merl import GRID, LARGEST, N_CELLS, nearest_measured
+from torchbrdf.files import OTHER_DISK, check_room, replacing_folder
 
 FORMAT = 1
 _TARGET_EXPONENT = 11
@@ -91,11 +89,12 @@ def _is_current(folder: Path, stamp: str) -> bool:
         manifest = json.loads((folder / "manifest.json").read_text())
         size = (folder / "columns.f16").stat().st_size
         with safe_open(folder / "library.safetensors", "pt") as tensors:
-            present = set(tensors.keys()) == {"scale", "gram", "valid"}
+            sound = set(tensors.keys()) == {"scale", "gram", "valid"}
+            peak = float(tensors.get_tensor("scale").max()) * 2**_TARGET_EXPONENT
     except (OSError, ValueError, SafetensorError):
         return False
     expected = (FORMAT, stamp, 2 * N_CELLS * 3 * len(manifest.get("names", [])))
-    return present and (manifest.get("format"), manifest.get("stamp"), size) == expected
+    return sound and peak <= LARGEST and (manifest.get("format"), manifest.get("stamp"), size) == expected
 
 
 def _open(folder: Path) -> StoredColumns:
@@ -116,8 +115,7 @@ def _map(path: Path, access: int, n_materials: int) -> tuple[mmap.mmap, Tensor]:
 def _build_folder(source: ColumnSource, folder: Path, progress: bool) -> None:
     stamp = source.stamp
     check_room(folder.parent, 1.05 * 2 * N_CELLS * 3 * len(source.names), "the library cache")
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
+    with replacing_folder(folder, OTHER_DISK) as temporary:
         with open(temporary / "columns.f16", "wb") as file:
             scale, gram, valid = _convert(source, lambda _, rows: rows.numpy().tofile(file), progress)
         _, columns = _map(temporary / "columns.f16", mmap.ACCESS_WRITE, len(source.names))
@@ -130,11 +128,6 @@ def _build_folder(source: ColumnSource, folder: Path, progress: bool) -> None:
             "fingerprint": _fingerprint(source.names, scale, columns),
         }
         (temporary / "manifest.json").write_text(json.dumps(manifest))
-        shutil.rmtree(folder, ignore_errors=True)
-        os.replace(temporary, folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
 
 
 def _convert(

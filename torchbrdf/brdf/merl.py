@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference, half_difference
-from torchbrdf.files import writing
+from torchbrdf.files import existing_file, writing
 
 GRID = (90, 90, 180)
 """Cells in theta_h, theta_d and phi_d, in file order (phi_d fastest)."""
@@ -26,8 +26,17 @@ N_CELLS = GRID[0] * GRID[1] * GRID[2]
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
 """A MERL file stores f_r / CHANNEL_SCALE for R, G and B."""
 
+LARGEST = 1e11
+"""Of f_r, in 1/sr: no BRDF on this grid holds more.
+
+A mirror that spreads light over the half vectors of the smallest cell, theta_h < pi/2 / 90^2, reflects no more than it
+gets where f_r cos^2 theta_d <= 2.1e6; in the last row of theta_d that is f_r <= 2.8e10. Measured highlights reach 1e4.
+"""
+
 _HEADER_BYTES = 12
 FILE_BYTES = _HEADER_BYTES + 3 * N_CELLS * 8
+_FULL_GRID = (*GRID[:2], 2 * GRID[2])
+_ADVICE = "; a file that holds them is damaged: download or convert it again"
 Interpolation = Literal["nearest", "linear"]
 
 
@@ -102,9 +111,17 @@ class MerlTable:
         object.__setattr__(self, "valid", self.valid.bool() & above_horizon().to(self.valid.device))
         if not self.valid.any():
             raise ValueError(f"{self.name}: the table has no measured cell: all are negative or below the horizon")
-        unsound = int((~torch.isfinite(self.values)).any(-1).logical_and(self.valid).sum())
+        measured = self.values.detach()[self.valid]
+        unsound = int((~torch.isfinite(measured)).any(-1).sum())
         if unsound:
-            raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite")
+            raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite{_ADVICE}")
+        excessive = int((measured.abs() > LARGEST).any(-1).sum())
+        if excessive:
+            most = float(measured.abs().max())
+            raise ValueError(
+                f"{self.name}: {excessive} cells of the table exceed {LARGEST:.0e} 1/sr, up to {most:.2g}, "
+                f"which no BRDF can{_ADVICE}"
+            )
 
     def __repr__(self) -> str:
         """Name, share of measured cells and range."""
@@ -123,16 +140,17 @@ class MerlTable:
     def open(cls, path: str | os.PathLike[str]) -> "MerlTable":
         """Read a MERL `.binary` file.
 
-        Raises ValueError where the header is not 90, 90, 180, the length does not fit, or a value is NaN.
+        Cells with a negative channel were not measured. Raises as `existing_file`; ValueError where the header is not
+        90, 90, 180, the length does not fit, or a cell is NaN, infinite, or beyond LARGEST.
         """
         path = Path(path)
         check_file(path)
         stored = read_planes(path).T.reshape(*GRID, 3)
         values = torch.from_numpy(stored * np.array(CHANNEL_SCALE))
         try:
-            return cls(values, torch.from_numpy((stored >= 0).all(-1) | np.isnan(stored).any(-1)), path.stem)
+            return cls(values, torch.from_numpy((stored >= 0).all(-1) | ~np.isfinite(stored).all(-1)), path.stem)
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+            raise ValueError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from None
 
     @classmethod
     def from_function(cls, f_r: Callable[[Tensor, Tensor], Tensor], name: str = "unnamed") -> "MerlTable":
@@ -192,12 +210,16 @@ class MerlTable:
 
 def check_file(path: Path) -> None:
     """Raise where a path is not a whole MERL file; reads its header only, so a lying header allocates nothing."""
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; expected a MERL .binary table")
+    existing_file(path, "a MERL .binary table")
     size = path.stat().st_size
     with open(path, "rb") as file:
         header = file.read(_HEADER_BYTES)
     dimensions = tuple(np.frombuffer(header, "<i4").tolist()) if len(header) == _HEADER_BYTES else None
+    if dimensions == _FULL_GRID:
+        raise ValueError(
+            f"{path}: a MERL table of all of phi_d, {_FULL_GRID}, as BRDFs that are not reciprocal need; only {GRID}, "
+            "0 to 180 degrees, is read: write that half of it"
+        )
     if dimensions != GRID:
         raise ValueError(f"{path}: not a MERL table: the header must be {GRID}, got {dimensions or header!r}")
     if size != FILE_BYTES:

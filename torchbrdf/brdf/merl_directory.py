@@ -1,6 +1,7 @@
 """A directory of MERL files: which of them are sound, and which of the 100 materials are there [MPBM03]."""
 
 import os
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,28 +31,75 @@ MERL_MATERIALS = tuple(
 """The 100 materials of the MERL database, as their files are named."""
 
 
+TABLE_SUFFIXES = (".binary", ".fullbin")
+"""Of MERL tables, in lower case; the header of each tells what it is."""
+
+_MOST_KINDS = 4
+
+
 @dataclass(frozen=True)
 class DirectoryReport:
-    """What `verify` found: sound tables, unsound ones with what is wrong, and missing MERL materials."""
+    """What `verify` found in a folder: sound tables, unsound ones with what is wrong, and missing MERL materials."""
 
+    folder: Path
     sound: tuple[str, ...]
     unsound: dict[str, str]
     missing: tuple[str, ...]
 
 
 def table_paths(directory: str | os.PathLike[str]) -> list[Path]:
-    """The `.binary` files of a directory, sorted by name. Raises where there is no directory or no file."""
+    """The tables of a directory, sorted by name: its `.binary` and `.fullbin` files, in capitals or not.
+
+    Where it has none, those of the one folder in it that has. Names that begin with a dot are of no table: macOS leaves
+    such a file beside each. Raises FileNotFoundError or NotADirectoryError; ValueError where there is no table, several
+    folders have some, or two are of one name.
+    """
     directory = Path(directory)
     if not directory.is_dir():
+        if directory.exists():
+            raise NotADirectoryError(f"{directory}: is a file; expected a folder of MERL *.binary files")
         raise FileNotFoundError(f"{directory}: no such directory; expected a folder of MERL *.binary files")
-    paths = sorted(directory.glob("*.binary"))
+    paths = _tables_in(directory)
     if not paths:
-        raise ValueError(f"{directory}: holds no materials; expected MERL *.binary files")
+        folders = [path for path in _seen(directory) if path.is_dir()]
+        below = [found for found in map(_tables_in, folders) if found]
+        if not below:
+            raise ValueError(f"{directory}: holds no materials; expected MERL *.binary files, found {_held(directory)}")
+        if len(below) > 1:
+            names = ", ".join(str(found[0].parent) for found in below)
+            raise ValueError(f"{directory}: {len(below)} folders in it hold MERL *.binary files; name one: {names}")
+        paths = below[0]
+    first = {path.stem: path for path in reversed(paths)}
+    for path in paths:
+        same = first[path.stem]
+        if same != path:
+            raise ValueError(f"{path.parent}: {same.name} and {path.name} are of one name; keep one of them")
     return paths
 
 
+def _seen(directory: Path) -> list[Path]:
+    """What a folder holds, less names that begin with a dot; nothing where it must not be read."""
+    try:
+        return sorted(path for path in directory.iterdir() if not path.name.startswith("."))
+    except PermissionError:
+        return []
+
+
+def _tables_in(directory: Path) -> list[Path]:
+    return [path for path in _seen(directory) if path.suffix.lower() in TABLE_SUFFIXES]
+
+
+def _held(directory: Path) -> str:
+    """What a folder holds instead of tables, the most frequent kinds first."""
+    kinds = Counter("folder" if path.is_dir() else path.suffix or "file without suffix" for path in _seen(directory))
+    hidden = sum(path.name.startswith(".") and path.suffix.lower() in TABLE_SUFFIXES for path in directory.iterdir())
+    found = [f"{count} {kind}" for kind, count in kinds.most_common(_MOST_KINDS)]
+    found += [f"{hidden} *.binary whose names begin with a dot"] if hidden else []
+    return ", ".join(found) or "nothing"
+
+
 def verify(directory: str | os.PathLike[str], progress: bool = False) -> DirectoryReport:
-    """Read every `.binary` file of a directory and say which are sound, which are not and why, and what is missing."""
+    """Read all `table_paths` of a directory and say which are sound, which are not and why, and what is missing."""
     sound, unsound = [], {}
     paths = table_paths(directory)
     for path in tqdm(paths, desc="reading", disable=not progress, leave=False):
@@ -61,4 +109,5 @@ def verify(directory: str | os.PathLike[str], progress: bool = False) -> Directo
         except (OSError, ValueError) as error:
             unsound[path.stem] = str(error)
     present = {path.stem for path in paths}
-    return DirectoryReport(tuple(sound), unsound, tuple(name for name in MERL_MATERIALS if name not in present))
+    missing = tuple(name for name in MERL_MATERIALS if name not in present)
+    return DirectoryReport(paths[0].parent, tuple(sound), unsound, missing)

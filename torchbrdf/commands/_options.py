@@ -12,6 +12,8 @@ LAYOUTS = get_args(Layout)
 STD = "brdf_std.binary"
 """The standard deviation of f_r in every cell, as a MERL table, in a folder that `torchbrdf fit` writes."""
 
+TABLE_HELP = "MERL table, .binary, or a folder that `fit` wrote"
+
 _PENALTY_HELP = (
     f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
 )
@@ -28,6 +30,11 @@ def add_output(parser: argparse.ArgumentParser, text: str, default: Path | None 
 def add_strict(parser: argparse.ArgumentParser) -> None:
     """`--strict`, which the command line looks at after the command."""
     parser.add_argument("--strict", action="store_true", help="exit with status 3 where there was a warning")
+
+
+def add_table(parser: argparse.ArgumentParser) -> None:
+    """The table that a command is about; see `_inputs.open_table`."""
+    parser.add_argument("brdf", type=Path, metavar="BRDF", help=TABLE_HELP)
 
 
 def add_light(parser: argparse.ArgumentParser, required: bool = True, default: str | None = None) -> None:

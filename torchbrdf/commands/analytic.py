@@ -8,13 +8,13 @@ from pathlib import Path
 from torchbrdf.analytic import DEFAULT_METRIC, DEFAULT_MODEL, IMAGE_METRIC, MOST_EVALUATIONS, models
 from torchbrdf.analytic.export import SUFFIXES
 from torchbrdf.brdf import METRIC_NAMES
-from torchbrdf.commands._options import add_light
+from torchbrdf.commands._options import add_light, add_table
 from torchbrdf.files import writing
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is fitted, how, and what is written."""
-    parser.add_argument("brdf", type=Path, metavar="BRDF", help="MERL table, or a folder that `fit` wrote")
+    add_table(parser)
     parser.add_argument(
         "--model", default=DEFAULT_MODEL, help=f"{', '.join(models.NAMES)}; default: %(default)s", metavar="MODEL"
     )

@@ -3,14 +3,14 @@
 import argparse
 from pathlib import Path
 
-from torchbrdf.commands._options import add_light, add_output
+from torchbrdf.commands._options import TABLE_HELP, add_light, add_output
 from torchbrdf.files import writing
 from torchbrdf.report import COMPARISON_SAMPLES, COMPARISON_SIZE
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is compared, and how well."""
-    parser.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help="MERL table, or a folder that `fit` wrote")
+    parser.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help=TABLE_HELP)
     text = "pixels along a sphere; default: %(default)s"
     parser.add_argument("--size", type=int, default=COMPARISON_SIZE, help=text)
     text = "samples a pixel, on average; default: %(default)s"

@@ -1,14 +1,13 @@
 """`torchbrdf export`: a table as a Mitsuba scene."""
 
 import argparse
-from pathlib import Path
 
-from torchbrdf.commands._options import add_light, add_output, add_shape
+from torchbrdf.commands._options import add_light, add_output, add_shape, add_table
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is shown, and where it is written."""
-    parser.add_argument("brdf", type=Path, help="MERL table, .binary")
+    add_table(parser)
     add_light(parser)
     add_shape(parser)
     parser.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
@@ -17,11 +16,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write a BRDF on a shape under a light probe as a Mitsuba scene, ready to render and to edit."""
-    from torchbrdf.brdf import MerlTable
-    from torchbrdf.commands._inputs import open_probe, open_view
+    from torchbrdf.commands._inputs import open_probe, open_table, open_view
     from torchbrdf.mitsuba_backend import RENDER_SCRIPT, export_scene
 
-    table = MerlTable.open(options.brdf)
+    table = open_table(options.brdf)
     export_scene(table, open_probe(options), open_view(options, options.size), options.output)
     print(f"wrote {options.output}; `python {options.output / RENDER_SCRIPT}` renders it")
     return 0

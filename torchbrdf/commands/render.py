@@ -1,15 +1,14 @@
 """`torchbrdf render`: a table under a light."""
 
 import argparse
-from pathlib import Path
 
-from torchbrdf.commands._options import add_light, add_output
+from torchbrdf.commands._options import add_light, add_output, add_table
 from torchbrdf.files import writing
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is rendered, and how well."""
-    parser.add_argument("brdf", type=Path, help="MERL table, .binary")
+    add_table(parser)
     add_light(parser)
     parser.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
     parser.add_argument("--samples", type=int, default=1024, help="samples a pixel, on average; default: 1024")
@@ -19,8 +18,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Render a sphere of a BRDF under a light probe, as .exr, .hdr or .png."""
-    from torchbrdf.brdf import MerlTable
-    from torchbrdf.commands._inputs import open_probe
+    from torchbrdf.commands._inputs import open_probe, open_table
     from torchbrdf.images import check_image_suffix, write_image
     from torchbrdf.rendering import render
     from torchbrdf.view import SphereView
@@ -28,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     check_image_suffix(options.output)
     with writing(options.output) as temporary:
         probe = open_probe(options)
-        table = MerlTable.open(options.brdf)
+        table = open_table(options.brdf)
         image = render(table, probe, SphereView(options.size), options.samples)
         write_image(temporary, image * options.exposure if options.output.suffix.lower() == ".png" else image)
     print(f"wrote {options.output}")

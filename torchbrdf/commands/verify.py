@@ -14,6 +14,8 @@ def run(options: argparse.Namespace) -> int:
     from torchbrdf.brdf import MERL_MATERIALS, verify
 
     report = verify(options.directory, progress=True)
+    if report.folder != options.directory:
+        print(f"in {report.folder}:")
     print(f"{len(report.sound)} sound: {', '.join(report.sound) or 'none'}")
     for name, problem in report.unsound.items():
         print(f"unsound {name}: {problem}")

@@ -4,7 +4,6 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -12,7 +11,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary, columns_of
-from torchbrdf.files import writing
+from torchbrdf.files import existing_file, writing
 from torchbrdf.light import LightProbe
 from torchbrdf.view import View, pack, unpack
 
@@ -160,8 +159,7 @@ class BasisImages:
         library, probe, view  what the images must have been rendered with; None accepts any
         Raises ValueError where the file is something else or was rendered with another library, probe or view.
         """
-        if not Path(path).is_file():
-            raise FileNotFoundError(f"{path}: no such file; expected basis images written by BasisImages.save")
+        existing_file(path, "basis images, which `torchbrdf bake` writes (BasisImages.save in Python)")
         try:
             with safe_open(path, "pt") as file:
                 metadata = file.metadata() or {}

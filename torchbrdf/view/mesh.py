@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from torchbrdf.files import writing
+from torchbrdf.files import existing_file, writing
 
 if TYPE_CHECKING:
     import trimesh
@@ -98,8 +98,7 @@ class TriangleMesh:
 
 
 def _read(path: Path) -> list["trimesh.Trimesh"]:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; expected a mesh, {' or '.join(MESH_SUFFIXES)}")
+    existing_file(path, f"a mesh, {' or '.join(MESH_SUFFIXES)}")
     if path.suffix.lower() not in MESH_SUFFIXES:
         known = " or ".join(MESH_SUFFIXES)
         raise ValueError(f"{path}: a mesh must be a {known} file, got {path.suffix or 'no suffix'!r}")

@@ -20,7 +20,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.brdf import MaterialLibrary, StoredColumns, column_norms
-from torchbrdf.files import cache_folder, check_room, writing
+from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._kernels import Band, Kernels, compute_group, kernel_settings
 from torchbrdf.transport.harmonic.grid import settings, zones
@@ -126,12 +126,8 @@ def _write(path: Path, groups: tuple[Kernels, ...]) -> None:
     values = torch.cat([tensor.ravel() for tensor in _tensors(groups)])
     contents = json.dumps([layout, shapes])
     metadata = {"format": _FORMAT, "contents": contents, "checksum": _checksum(values, contents)}
-    with writing(path) as temporary:
-        try:
-            save_file({"values": values}, temporary, metadata)
-        except SafetensorError as error:
-            message = f"{path.parent}: cannot write the harmonic transport ({error}); make room on the disk"
-            raise OSError(message) from None
+    with writing(path, OTHER_DISK) as temporary:
+        save_file({"values": values}, temporary, metadata)
 
 
 def _read(path: Path) -> tuple[Kernels, ...] | None:

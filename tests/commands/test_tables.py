@@ -1,0 +1,107 @@
+"""Tables as users bring them: every command takes and refuses the same ones, with the same words."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import torchbrdf as tb
+from failures import fails
+from torchbrdf.cli import main
+
+LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsize 34992012\n"
+BAD = {
+    "nan": (np.nan, "2 cells of the table are NaN or infinite; a file that holds them is damaged"),
+    "inf": (np.inf, "2 cells of the table are NaN or infinite; a file that holds them is damaged"),
+    "1e300": (1e300, "2 cells of the table exceed 1e+11 1/sr, up to 6.7e+296, which no BRDF can"),
+    "pointer": (None, "is a Git LFS pointer; `git lfs pull` in its repository fetches the file itself"),
+}
+
+
+@pytest.fixture(scope="module", params=BAD)
+def bad(request: pytest.FixtureRequest, merl_directory: Path, tmp_path_factory: pytest.TempPathFactory):
+    """A folder of eight tables, the first of them bad, and what is said of that one."""
+    value, said = BAD[request.param]
+    folder = tmp_path_factory.mktemp("library")
+    for path in merl_directory.iterdir():
+        os.link(path, folder / path.name)
+    path = folder / "a.binary"
+    os.rename(folder / "red.binary", path)
+    content = LFS_POINTER
+    if value is not None:
+        raw = path.read_bytes()
+        content = raw[:12] + np.array([value] * 2).tobytes() + raw[28:]
+    path.unlink()
+    path.write_bytes(content)
+    return path, said
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    tb.write_image(tmp_path / "photo.exr", torch.rand(3, 16, 16))
+    return tmp_path / "photo.exr"
+
+
+class TestBadTables:
+    @pytest.mark.parametrize("command", ["render", "compare", "analytic", "export"])
+    def test_commands_that_take_one(self, capsys, tmp_path: Path, bad: tuple[Path, str], command: str):
+        path, said = bad
+        given = (path.parent / "white.binary", path) if command == "compare" else (path,)
+        output = tmp_path / {"render": "x.exr", "compare": "x.html", "analytic": "x.json", "export": "x"}[command]
+        probe = () if command == "analytic" else ("--probe", "default")
+        line = fails(capsys, command, *given, *probe, "-o", output)
+        assert line.startswith(f"torchbrdf: error: {path}: {said}")
+        assert list(tmp_path.iterdir()) == []
+
+    def test_library_of_fit(self, capsys, tmp_path: Path, bad: tuple[Path, str], photo: Path):
+        path, said = bad
+        library = ("--library", str(path.parent))
+        assert main(["fit", str(photo), "--probe", "default", *library, "-o", str(tmp_path / "out")]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        (line,) = captured.err.rsplit("\r", 1)[-1].splitlines()  # after the bar
+        assert line.startswith(f"torchbrdf: error: {path}: {said}")
+        assert [found.name for found in tmp_path.iterdir()] == ["photo.exr"]
+
+    def test_verify(self, capsys, bad: tuple[Path, str]):
+        path, said = bad
+        assert main(["verify", str(path.parent)]) == 2
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0].startswith("7 sound: ")
+        assert lines[1].startswith(f"unsound a: {path}: {said}")
+
+
+def test_verify_says_where_it_looked(capsys, merl_directory: Path, tmp_path: Path):
+    (tmp_path / "brdfs").mkdir()
+    os.link(merl_directory / "white.binary", tmp_path / "brdfs" / "brass.BINARY")
+    assert main(["verify", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[:2] == [f"in {tmp_path / 'brdfs'}:", "1 sound: brass"]
+
+
+class TestFolderOfFit:
+    """In the place of the table in it."""
+
+    @pytest.fixture
+    def folder(self, merl_directory: Path, tmp_path: Path) -> Path:
+        (tmp_path / "fitted").mkdir()
+        os.link(merl_directory / "white.binary", tmp_path / "fitted" / "brdf.binary")
+        return tmp_path / "fitted"
+
+    def test_render(self, folder: Path, tmp_path: Path):
+        common = ("--probe", "default", "--size", "8", "--samples", "16", "-o")
+        assert main(["render", str(folder), *common, str(tmp_path / "folder.exr")]) == 0
+        assert main(["render", str(folder / "brdf.binary"), *common, str(tmp_path / "file.exr")]) == 0
+        assert torch.equal(tb.read_image(tmp_path / "folder.exr"), tb.read_image(tmp_path / "file.exr"))
+
+    def test_export(self, folder: Path, tmp_path: Path):
+        assert main(["export", str(folder), "--probe", "default", "--size", "8", "-o", str(tmp_path / "scene")]) == 0
+        written = tb.MerlTable.open(tmp_path / "scene" / "brdf.binary")
+        assert torch.equal(written.values, tb.MerlTable.open(folder / "brdf.binary").values)
+
+    @pytest.mark.parametrize("command", ["render", "export"])
+    def test_another_folder(self, capsys, tmp_path: Path, command: str):
+        (tmp_path / "other").mkdir()
+        line = fails(capsys, command, tmp_path / "other", "--probe", "default", "-o", tmp_path / "x.exr")
+        assert line.endswith("other: no brdf.binary in this folder; name a MERL table or a folder of `torchbrdf fit`")
