@@ -212,7 +212,7 @@ def open_probes(arguments: Sequence[str]) -> dict[str, tb.LightProbe]:
         name = Path(argument).stem
         if name in probes:
             raise ValueError(f"probes must have different names; {name!r} comes twice")
-        probes[name] = tb.LightProbe.default() if argument == "default" else tb.LightProbe.open(argument)
+        probes[name] = tb.LightProbe.default() if argument == "default" else tb.LightProbe.open(argument, rows="poles")
     if len(probes) < 2:
         raise ValueError(f"at least two probes are needed (observed and novel), got {len(probes)}")
     return probes

@@ -67,8 +67,8 @@ class Lights:
 def render_lights(options: argparse.Namespace) -> Lights:
     library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
     view = tb.SphereView(options.size)
-    probe = tb.LightProbe.default() if options.probe is None else tb.LightProbe.open(options.probe)
-    novel = lamps() if options.novel is None else tb.LightProbe.open(options.novel)
+    probe = tb.LightProbe.default() if options.probe is None else tb.LightProbe.open(options.probe, rows="poles")
+    novel = lamps() if options.novel is None else tb.LightProbe.open(options.novel, rows="poles")
     torch.manual_seed(0)
     turned = [probe.rotated(rotation) for rotation in random_rotations(options.training_lights)]
     found = [tb.render_basis(library, one, view) for one in tqdm([probe, novel, *turned], desc="lights")]

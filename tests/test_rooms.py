@@ -173,7 +173,7 @@ def test_every_file_of_models_is_a_model_and_named_after_it():
 def test_every_file_of_layouts_is_a_layout():
     files = {path.stem for path in (PACKAGE / "light" / "layouts").glob("[a-z]*.py")}
     assert {"latlong", *files} == set(get_args(Layout))
-    assert all(callable(layout_of(name).to_latlong) for name in files)
+    assert all(callable(layout_of(name).placed) for name in files)
 
 
 def test_every_file_of_commands_is_a_command():

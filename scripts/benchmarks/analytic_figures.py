@@ -46,7 +46,7 @@ def starts_sheet(
     """A row for each measured material: photograph, and under another light the truth, both starts, both ends."""
     size = Target.open(targets / observed.stem / f"{materials[0]}.exr").size
     view = tb.SphereView(size)
-    probe, light = tb.LightProbe.open(observed), tb.LightProbe.open(other)
+    probe, light = tb.LightProbe.open(observed, rows="poles"), tb.LightProbe.open(other, rows="poles")
     lit, new = (CellTransport.build(one, view, 4096) for one in (probe, light))
     estimate = tb.BRDFEstimator(tb.render_basis(library, probe, view), tb.MaterialClasses.fit(library))
     model, rows = model_of("ggx"), {}
@@ -74,7 +74,8 @@ def starts_sheet(
 def run(options: argparse.Namespace) -> None:
     options.output.mkdir(parents=True, exist_ok=True)
     library = tb.MaterialLibrary.from_merl(options.library)
-    models_sheet(library, tb.LightProbe.open(options.probes / "uffizi.hdr"), options.output / "analytic_models.png")
+    uffizi = tb.LightProbe.open(options.probes / "uffizi.hdr", rows="poles")
+    models_sheet(library, uffizi, options.output / "analytic_models.png")
     starts_sheet(
         library,
         options.probes / "apartment.exr",

@@ -75,8 +75,8 @@ def main() -> None:
         parser.error(f"no light probe {unknown[0]}")
 
     library = tb.MaterialLibrary.from_merl(options.library)
-    probe = tb.LightProbe.open(options.probe)
-    others = {path.stem: tb.LightProbe.open(path) for path in options.novel}
+    probe = tb.LightProbe.open(options.probe, rows="poles")
+    others = {path.stem: tb.LightProbe.open(path, rows="poles") for path in options.novel}
     judge = Judge(library, options.materials, others, options.size)
     start = time.monotonic()
     if {"figure", "cost"} & set(options.parts):

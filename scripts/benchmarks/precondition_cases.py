@@ -33,7 +33,7 @@ def transport(path: str, fingerprint: str, size: int, truth: bool = False) -> Ce
 
 @lru_cache
 def open_probe(path: str, fingerprint: str) -> tb.LightProbe:
-    probe = tb.LightProbe.open(path)
+    probe = tb.LightProbe.open(path, rows="poles")
     if probe.fingerprint != fingerprint:
         raise ValueError(f"{path}: another light probe than when the sweep was started")
     return probe

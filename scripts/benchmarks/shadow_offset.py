@@ -36,7 +36,7 @@ def main() -> None:
     options = parser.parse_args()
     library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
     table = library.table(MATERIAL)
-    probe = tb.LightProbe.open(SHARED / "probes" / "venice.exr")
+    probe = tb.LightProbe.open(SHARED / "probes" / "venice.exr", rows="poles")
     warnings.simplefilter("ignore")
     mesh_view._MOST_POINTS = 1 << 26
     mesh = TriangleMesh.open(SHARED / "shapes" / "buddha.ply")

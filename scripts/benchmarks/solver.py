@@ -328,7 +328,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     options = parser.parse_args(argv)
     library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
-    probe = tb.LightProbe.open(options.probe) if options.probe else tb.LightProbe.default()
+    probe = tb.LightProbe.open(options.probe, rows="poles") if options.probe else tb.LightProbe.default()
     scene = Scene.of(library, probe, options.size, options.samples, options.repeats)
     rows = [*measure(scene, options.samples, options.device), *memory(options.library, options.size, options.samples)]
     print(f"{library!r}, {probe!r}, {torch.get_num_threads()} threads, {options.repeats} repeats\n")

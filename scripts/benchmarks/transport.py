@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def open_probe(name: str) -> LightProbe:
-    return LightProbe.default() if name == "default" else LightProbe.open(SHARED / "probes" / name)
+    return LightProbe.default() if name == "default" else LightProbe.open(SHARED / "probes" / name, rows="poles")
 
 
 def measure_scene(

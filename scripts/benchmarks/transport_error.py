@@ -45,7 +45,8 @@ def main() -> None:
     print(f"{library!r}, {view!r}, {threads} threads, reference: {arguments.reference_samples} samples a pixel\n")
     print("| probe | samples a pixel | seconds | processor seconds | median error | 95 % within | worst |")
     print("|---|---|---|---|---|---|---|")
-    for name, probe in [("default", LightProbe.default())] + [(path.stem, LightProbe.open(path)) for path in files]:
+    probes = {"default": LightProbe.default()} | {path.stem: LightProbe.open(path, rows="poles") for path in files}
+    for name, probe in probes.items():
         reference = render_basis(
             library, probe, view, samples=arguments.reference_samples, seed=REFERENCE_SEED
         ).packed

@@ -41,7 +41,7 @@ def brass(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def light(folder: Path) -> Path:
     radiance = 10 ** (2 * torch.rand(3, 16, 32, generator=torch.Generator().manual_seed(0)))
-    tb.write_image(folder / "light.exr", radiance)
+    tb.LightProbe(radiance).save(folder / "light.exr")
     return folder / "light.exr"
 
 

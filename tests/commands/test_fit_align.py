@@ -28,7 +28,7 @@ def photo(tmp_path: Path, photographs: dict[str, Tensor]) -> Path:
 @pytest.fixture
 def turned_probe(tmp_path: Path) -> Path:
     """The probe as it was captured: turned away."""
-    tb.write_image(tmp_path / "probe.exr", tb.LightProbe.default(64).rotated(TURN.T).radiance)
+    tb.LightProbe.default(64).rotated(TURN.T).save(tmp_path / "probe.exr")
     return tmp_path / "probe.exr"
 
 
@@ -78,6 +78,7 @@ def test_aligns_and_fits(
         written = tb.LightProbe.open(out / "aligned_probe.exr")
     expected = given.rotated(rotation).radiance
     assert float((written.radiance - expected).norm() / expected.norm()) < 2e-3  # half floats
+    assert written.reading == "rows from pole to pole, as the file says"
 
     printed = capsys.readouterr().out.splitlines()
     assert printed[2].startswith(f"light probe turned by {record['degrees']:.2f} degrees about (")
@@ -106,7 +107,7 @@ def test_divides_by_the_exposure(
     gains = torch.tensor([3.0, 1.0, 0.4])
     photo, probe, out = tmp_path / "photo.exr", tmp_path / "probe.exr", tmp_path / "out"
     tb.write_image(photo, gains[:, None, None] * photographs["satin"])
-    tb.write_image(probe, tb.LightProbe.default(64).radiance)
+    tb.LightProbe.default(64).save(probe)
     assert run(photo, probe, precomputed_directory, out, "--align", "--white-balance", "--blur") == 0
     record = json.loads((out / "alignment.json").read_text())
     factors = torch.tensor(record["exposure"])

@@ -145,7 +145,7 @@ def test_power_of_real_probes(shared_data: Path):
     for name in PROBES:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # negative texels
-            probe = LightProbe.open(shared_data / "probes" / name, height=64).radiance
+            probe = LightProbe.open(shared_data / "probes" / name, height=64, rows="poles").radiance
         before = power(probe)
         kept = power(rotate_probes(probe, rotations)) / before - 1
         assert float(kept.abs().max()) < 1e-5, name

@@ -343,7 +343,7 @@ def test_a_photograph_is_fitted_and_turned_under_another_light(
     capsys, monkeypatch, spheres, tmp_path, merl_directory, tiny_tables
 ):
     probe, view = LightProbe.default(16), SphereView(16)
-    write_image(tmp_path / "room.exr", probe.radiance)
+    probe.save(tmp_path / "room.exr")
     write_image(tmp_path / "ball.exr", render(tiny_tables["red"], probe, view, samples=64))
     write_image(tmp_path / "angular.exr", torch.ones(3, 8, 8))
     made = stand_in(monkeypatch, spheres)

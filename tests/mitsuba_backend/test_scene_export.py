@@ -96,6 +96,7 @@ def test_probe_is_read_with_its_values_in_its_places(mi, table, probe, tmp_path)
         seen = np.array(light.eval(hit)).ravel()
         np.testing.assert_allclose(seen, probe.radiance[:, row, column].numpy(), rtol=1e-3)
     assert torch.equal(tb.read_image(tmp_path / "out" / "probe.exr"), probe.radiance)
+    assert torch.equal(tb.LightProbe.open(tmp_path / "out" / "probe.exr").radiance, probe.radiance)
 
 
 def test_table_is_kept(table, probe, tmp_path):
@@ -164,7 +165,7 @@ def test_camera_of_a_sphere():
 
 def test_command(mi, table, probe, egg, tmp_path, capsys):
     table.save(tmp_path / "plastic.binary")
-    tb.write_image(tmp_path / "light.exr", probe.radiance)
+    probe.save(tmp_path / "light.exr")
     inputs = [str(tmp_path / "plastic.binary"), "--probe", str(tmp_path / "light.exr"), "--size", "16"]
     assert main(["export", *inputs, "-o", str(tmp_path / "ball")]) == 0
     assert sorted(path.name for path in (tmp_path / "ball").iterdir()) == SPHERE_FILES

@@ -62,7 +62,7 @@ def test_a_planted_case_from_end_to_end(merl_directory, tmp_path):
     paths = {}
     for name, probe in {"old": LightProbe.default(32), "new": LightProbe.default(32).scaled(2)}.items():
         paths[name] = str(tmp_path / f"{name}.exr")
-        cases.tb.write_image(paths[name], probe.radiance)
+        probe.save(paths[name])
     found = cases.precondition(
         library=library.source,
         probes={name: LightProbe.open(path).fingerprint for name, path in paths.items()},

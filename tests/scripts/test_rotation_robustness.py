@@ -150,7 +150,7 @@ def files(merl_directory: Path, tmp_path: Path) -> SimpleNamespace:
     paths = []
     for seed, name in enumerate(("square", "street")):
         paths.append(str(tmp_path / f"{name}.exr"))
-        tb.write_image(paths[-1], probe(seed).radiance)
+        probe(seed).save(paths[-1])
     return SimpleNamespace(library=str(merl_directory), probes=paths, out=tmp_path / "out")
 
 

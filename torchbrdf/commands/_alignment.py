@@ -8,7 +8,6 @@ from pathlib import Path
 from torchbrdf.alignment import Alignment, align
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.files import writing
-from torchbrdf.images import write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
 from torchbrdf.transport import BasisImages
@@ -59,4 +58,4 @@ def write(folder: Path, found: Alignment) -> None:
     }
     with writing(folder / "alignment.json") as path:
         path.write_text(json.dumps(record, indent=1) + "\n")
-    write_image(folder / "aligned_probe.exr", found.probe.radiance)
+    found.probe.save(folder / "aligned_probe.exr")

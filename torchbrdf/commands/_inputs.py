@@ -6,21 +6,41 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.images import read_image
+from torchbrdf.images import read_image, read_mask
 from torchbrdf.light import LightProbe
+from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
 
 RESULT = "brdf.binary"
 """The table in a folder that `torchbrdf fit` writes."""
 
+_READING = ("probe_layout", "probe_rows", "probe_circle", "probe_mask", "mirror_reflectance")
 _CAMERA = ("toward", "up", "target", "width")
 
 
 def open_probe(options: argparse.Namespace) -> LightProbe:
-    """The probe of `--probe`, `--probe-layout` and `--repair-probe`."""
+    """The probe of `--probe`, read as the options beside it say."""
     if options.probe == "default":
+        for key in _READING:
+            if getattr(options, key) not in (None, "latlong"):
+                raise ValueError(f"--{key.replace('_', '-')} is for a probe from a file, and --probe is default")
         return LightProbe.default()
-    return LightProbe.open(options.probe, layout=options.probe_layout, repair=options.repair_probe)
+    mask, circle = None, options.probe_circle
+    if options.probe_mask is not None:
+        mask = read_mask(options.probe_mask)
+    if mask is not None and circle is None:
+        with about(options.probe_mask):
+            found = find_circle((mask.shape[1], mask.shape[2]), mask)
+        circle = found.x, found.y, found.radius
+    return LightProbe.open(
+        options.probe,
+        layout=options.probe_layout,
+        repair=options.repair_probe,
+        rows=options.probe_rows,
+        circle=circle,
+        mask=mask,
+        reflectance=options.mirror_reflectance,
+    )
 
 
 def open_library(options: argparse.Namespace) -> MaterialLibrary:

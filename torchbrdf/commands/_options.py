@@ -6,9 +6,8 @@ from typing import get_args
 
 from torchbrdf.estimation import CONSTRAINTS, DEFAULT_PENALTY, Penalty
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, Encoding
-from torchbrdf.light import Layout
+from torchbrdf.light import Layout, Rows
 
-LAYOUTS = get_args(Layout)
 STD = "brdf_std.binary"
 """The standard deviation of f_r in every cell, as a MERL table, in a folder that `torchbrdf fit` writes."""
 
@@ -41,10 +40,28 @@ def add_light(parser: argparse.ArgumentParser, required: bool = True, default: s
     """`--probe` and how to read it."""
     text = 'light probe, .exr or .hdr; "default" for the embedded one'
     parser.add_argument("--probe", required=required and default is None, default=default, help=text)
-    parser.add_argument("--probe-layout", choices=LAYOUTS, default="latlong", help="default: latlong")
+    add_reading(parser, "probe")
     text = "linear RGB of photograph, light and BRDF, to which files are converted; default: %(default)s"
     parser.add_argument("--primaries", choices=get_args(ColourSpace), default=DEFAULT_SPACE, help=text)
-    parser.add_argument("--repair-probe", action="store_true", help="fill NaN and infinite texels of the probe")
+    parser.add_argument("--repair-probe", action="store_true", help="fill NaN texels of the probe, and say how many")
+
+
+def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
+    """How to read the file of `--probe`, or of another option for a light."""
+    text = "of the picture; default: latlong"
+    parser.add_argument(f"--{light}-layout", choices=get_args(Layout), default="latlong", help=text)
+    text = (
+        "a lat-long's rows lie at pixel centres (most programs) or run from pole to pole (Mitsuba); default: "
+        "what the file says, else centres"
+    )
+    parser.add_argument(f"--{light}-rows", choices=get_args(Rows), help=text)
+    text = "where the disc of a mirror ball or an angular map is, in pixels; default: a tight square crop"
+    parser.add_argument(f"--{light}-circle", type=float, nargs=3, metavar=("X", "Y", "R"), help=text)
+    text = "image that is white where such a disc may be used"
+    parser.add_argument(f"--{light}-mask", type=Path, metavar="FILE", help=text)
+    if light == "probe":
+        text = "share of the light that the mirror ball reflects, one number or R G B; default: all"
+        parser.add_argument("--mirror-reflectance", type=float, nargs="+", metavar="R", help=text)
 
 
 def add_library(parser: argparse.ArgumentParser) -> None:

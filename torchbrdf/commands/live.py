@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from torchbrdf.commands._options import LAYOUTS, add_estimation, add_light, add_shape
+from torchbrdf.commands._options import add_estimation, add_light, add_reading, add_shape
 
 if TYPE_CHECKING:
     from torchbrdf.brdf import MaterialLibrary
@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_shape(parser)
     add_estimation(parser)
     parser.add_argument("--light", help='another probe to turn instead; "default" for the embedded one')
-    parser.add_argument("--light-layout", choices=LAYOUTS, default="latlong", help="of --light; default: latlong")
+    add_reading(parser, "light")
     text = "along a sphere; default: %(default)s"
     parser.add_argument("--pixels", type=_whole_number(16, 512), default=PIXELS, help=text)
     text = "of 127.0.0.1; default: any free one"
@@ -49,7 +49,6 @@ def run(options: argparse.Namespace) -> int:
 
     import torch
 
-    from torchbrdf.commands._inputs import open_probe
     from torchbrdf.commands._reconstruction import summary
     from torchbrdf.live import LiveServer, Relighter, listen
 
@@ -57,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         title, fitted, library, probe = _recovered(options)
         print(summary(fitted))
         if options.light is not None:
-            probe = open_probe(argparse.Namespace(**vars(options) | _other_light(options)))
+            probe = _other_light(options)
         torch.set_num_threads(max(1, torch.get_num_threads() - 1))  # the browser needs a core
         spheres = Relighter.of(library, fitted.result, probe, options.pixels)
         name = PurePath(probe.name.removeprefix("light probe ")).name
@@ -93,5 +92,13 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
     return options.photo.name, fit(sight.observation, probe, library, view=sight.view, **estimation), library, probe
 
 
-def _other_light(options: argparse.Namespace) -> dict[str, str]:
-    return {"probe": options.light, "probe_layout": options.light_layout}
+def _other_light(options: argparse.Namespace) -> LightProbe:
+    """The probe of `--light`."""
+    from torchbrdf.commands._inputs import open_probe
+
+    read = {f"probe_{key}": getattr(options, f"light_{key}") for key in ("layout", "rows", "circle", "mask")}
+    read |= {"probe": options.light, "mirror_reflectance": None}
+    try:
+        return open_probe(argparse.Namespace(**vars(options) | read))
+    except ValueError as error:
+        raise ValueError(str(error).replace("--probe", "--light")) from None

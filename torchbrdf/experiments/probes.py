@@ -21,13 +21,22 @@ def default_probes() -> list[Path]:
     return [SHARED / "probes" / name for name in PROBES]
 
 
+def open_probe(path: str | Path) -> LightProbe:
+    """A lat-long probe with its rows from pole to pole, wherever its file's are.
+
+    So Mitsuba's `envmap` reads every file, and so did the experiments' first version: targets and published tables are
+    those of the light that results, which need not be that of the place.
+    """
+    return LightProbe.open(path, rows="poles")
+
+
 def open_probes(paths: Sequence[Path]) -> dict[str, LightProbe]:
-    """Probes by the names of their files, each read once. Raises ValueError where two share a name."""
+    """Probes by the names of their files, each read once by `open_probe`. Raises ValueError where two share a name."""
     probes: dict[str, LightProbe] = {}
     for path in paths:
         if path.stem in probes:
             raise ValueError(f"{path}: another probe is called {path.stem}, too; rename one of the files")
-        probes[path.stem] = LightProbe.open(path)
+        probes[path.stem] = open_probe(path)
     return probes
 
 

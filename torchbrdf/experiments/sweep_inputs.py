@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from torchbrdf.brdf import MaterialLibrary
-from torchbrdf.experiments.probes import open_probes
+from torchbrdf.experiments.probes import open_probe, open_probes
 from torchbrdf.light import LightProbe
 from torchbrdf.transport.harmonic import HarmonicBasis
 from torchbrdf.view import SphereView
@@ -63,7 +63,7 @@ def light_under(library: MaterialLibrary, path: str, fingerprint: str, size: int
     """What does not change when a probe turns."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the process that made the tasks has said it
-        probe = LightProbe.default() if path == "default" else LightProbe.open(path)
+        probe = LightProbe.default() if path == "default" else open_probe(path)
     if probe.fingerprint != fingerprint:
         raise ValueError(f"{path}: another light probe than when the sweep was started")
     return HarmonicBasis(library, probe, SphereView(size))

@@ -9,7 +9,10 @@ from .rotations import (
     rotation_of as rotation_of,
     rotation_vector as rotation_vector,
 )
-from .settings import Layout as Layout
+from .settings import (
+    Layout as Layout,
+    Rows as Rows,
+)
 from .strata import (
     SIDE as SIDE,
     LightStrata as LightStrata,

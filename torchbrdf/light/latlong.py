@@ -134,9 +134,7 @@ def _strips(height: int, parts: int) -> tuple[Tensor, Tensor]:
     A strip is as large as the row's solid angle. theta is the mean over the part's area, which is exact for radiance
     that is linear in theta there.
     """
-    areas = row_solid_angles(height, 1)
-    above = torch.cat([areas.new_zeros(1), areas.cumsum(0)]) / (4 * math.pi)  # sin^2(theta / 2) at the edges
-    edges = 2 * torch.asin(above.clamp_max(1).sqrt())
+    edges = 2 * torch.asin(_strip_edges(height).sqrt())
     edges = torch.lerp(edges[:-1, None], edges[1:, None], torch.linspace(0, 1, parts + 1, dtype=torch.float64))
     upper, lower = edges[:, :-1], edges[:, 1:]
     area = 2 * torch.sin((upper + lower) / 2) * torch.sin((lower - upper) / 2)
@@ -144,6 +142,59 @@ def _strips(height: int, parts: int) -> tuple[Tensor, Tensor]:
     theta, share = moment / area, area / area.sum(1, keepdim=True)
     northern = torch.arange(height)[:, None] < (height + 1) // 2  # others mirror them: there differences cancel
     return torch.where(northern, theta, math.pi - theta.flip(0, 1)), torch.where(northern, share, share.flip(0, 1))
+
+
+def _strip_edges(height: int) -> Tensor:
+    """(H + 1,) float64: the share of the sphere above each edge of the rows' strips, sin^2(theta / 2) there."""
+    areas = row_solid_angles(height, 1)
+    return (torch.cat([areas.new_zeros(1), areas.cumsum(0)]) / (4 * math.pi)).clamp_max(1)
+
+
+def from_bands(radiance: Tensor, height: int) -> Tensor:
+    """The map (channels, height, 2 height) float32 of a picture (channels, h, w) of texels that cover cells.
+
+    Texel (x, y) of the picture is constant over phi from 2 pi x / w to 2 pi (x + 1) / w and theta from pi y / h to
+    pi (y + 1) / h. Means over the footprints of `area_mean`, cut exactly: the energy is the picture's.
+    """
+    old_height = radiance.shape[1]
+    bands = torch.sin(torch.arange(old_height + 1, dtype=torch.float64) * (math.pi / 2 / old_height)) ** 2
+    return _one_value_at_the_poles(_cell_means(_columns_of(radiance, height), bands, _strip_edges(height)))
+
+
+def from_edge_columns(radiance: Tensor) -> Tensor:
+    """The map of one whose rows lie as ours and whose columns run from edge to edge, both of one azimuth.
+
+    So the OpenEXR library defines lat-long environment maps: column x of W is at phi = 2 pi x / (W - 1).
+    """
+    width = radiance.shape[2]
+    between = (torch.arange(width - 1, dtype=torch.float64) + 0.5) / (width - 1)
+    edges = torch.cat([between.new_zeros(1), between, between.new_ones(1)])
+    return _one_value_at_the_poles(_across(radiance, edges, torch.linspace(0, 1, width + 1, dtype=torch.float64)))
+
+
+def _columns_of(radiance: Tensor, height: int) -> Tensor:
+    old, new = (torch.linspace(0, 1, width + 1, dtype=torch.float64) for width in (radiance.shape[2], 2 * height))
+    return radiance if len(old) == len(new) else _across(radiance, old, new)
+
+
+def _across(radiance: Tensor, edges: Tensor, new_edges: Tensor) -> Tensor:
+    return _cell_means(radiance.transpose(1, 2), edges, new_edges).transpose(1, 2).contiguous()
+
+
+def _cell_means(values: Tensor, edges: Tensor, new_edges: Tensor) -> Tensor:
+    """(channels, m, k) float32: means over new cells along axis 1 of `values` (channels, n, k), constant in old ones.
+
+    edges, new_edges  (n + 1,) and (m + 1,) float64, increasing, with common ends
+    """
+    cell = (torch.searchsorted(edges, new_edges, right=True) - 1).clamp(0, len(edges) - 2)
+    inside = (new_edges - edges[cell])[:, None]
+    means = []
+    for channel in values:  # float64 of one at a time: probes may be large
+        parts = channel.double() * edges.diff()[:, None]
+        before = torch.cat([parts.new_zeros(1, parts.shape[1]), parts.cumsum(0)])[cell]
+        integral = before + inside * channel.double()[cell]
+        means.append((integral.diff(dim=0) / new_edges.diff()[:, None]).float())
+    return torch.stack(means).clamp_min(0)  # below is rounding
 
 
 def resize(radiance: Tensor, height: int) -> Tensor:
@@ -186,21 +237,3 @@ def _footprint_matrix(
     matrix.index_put_((target, first), weights * (1 - fraction), accumulate=True)
     matrix.index_put_((target, second), weights * fraction, accumulate=True)
     return matrix / matrix.sum(dim=1, keepdim=True)
-
-
-def fill_invalid(radiance: Tensor) -> Tensor:
-    """`radiance` (channels, H, W) with every texel that holds a NaN or an infinity replaced.
-
-    Such a texel becomes the mean of the valid ones among its 8 neighbours (across the seam in phi, not across
-    the poles); texels without any wait for the next pass, so holes close from their rim.
-    """
-    valid = torch.isfinite(radiance).all(dim=0)
-    filled = torch.where(valid, radiance, 0.0).double()
-    while not bool(valid.all()):
-        stack = torch.cat([filled, valid[None].double()])
-        stack = torch.cat([stack[..., -1:], stack, stack[..., :1]], dim=-1)
-        means = torch.nn.functional.avg_pool2d(stack, 3, stride=1, padding=(1, 0))
-        newly = ~valid & (means[-1] > 0.05)  # one valid neighbour of nine is 0.11
-        filled = torch.where(newly, means[:-1] / means[-1].clamp_min(0.05), filled)
-        valid = valid | newly
-    return filled.to(radiance.dtype)

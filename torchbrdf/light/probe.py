@@ -9,22 +9,23 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import warnings
+from collections.abc import Sequence
 from functools import cached_property
-from typing import get_args
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.images import luminance, read_image
+from torchbrdf.images import luminance, write_image
 from torchbrdf.light._blur import blur
+from torchbrdf.light._picture import ROWS_KEY, LightPicture, check_proportions
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.light._sampling import ImportanceTables
-from torchbrdf.light.latlong import bilinear, fill_invalid, resize, rotate, row_solid_angles
-from torchbrdf.light.layouts import layout_of
+from torchbrdf.light._soundness import sound
+from torchbrdf.light.latlong import bilinear, resize, rotate, row_solid_angles
 from torchbrdf.light.rotations import checked_rotation
-from torchbrdf.light.settings import Layout
+from torchbrdf.light.settings import Layout, Rows
 
 
 class LightProbe:
@@ -32,11 +33,14 @@ class LightProbe:
 
     radiance   (3, H, 2 H) linear RGB, any real floating-point type; kept as float32, on its device, and
                gradients flow back to it. Negative values are clamped to 0 with a warning
-    repair     fill texels that hold a NaN or an infinity from their valid neighbours (a hole closes from its
-               rim with means over 3 x 3 texels, across the seam in azimuth); without it they are an error
+    repair     fill texels that hold a NaN or -infinity from their valid neighbours (a hole closes from its rim with
+               means over 3 x 3 texels, across the seam in azimuth), with a warning; without it they are an error
     name       what messages and `repr` call it
-    raises     ValueError for another shape, invalid texels without `repair`, or a probe without energy
+    raises     ValueError for another shape, invalid texels without `repair`, infinite ones, which are clipped lamps,
+               or a probe without energy
     """
+
+    _reading = ""
 
     def __init__(
         self, radiance: Tensor | np.ndarray, *, repair: bool = False, name: str = "light probe"
@@ -54,30 +58,35 @@ class LightProbe:
         layout: Layout = "latlong",
         repair: bool = False,
         height: int | None = None,
+        *,
+        rows: Rows | None = None,
+        circle: tuple[float, float, float] | None = None,
+        mask: Tensor | None = None,
+        reflectance: float | Sequence[float] | None = None,
     ) -> LightProbe:
         """Read a probe from an .exr or .hdr file.
 
-        layout     "latlong"; "angular" (Debevec's `*_probe`: the centre looks along -Z, the rim is +Z); or
-                   "mirror_ball" (photograph of a chrome sphere: the centre reflects +Z). The last two are
-                   square, tight around the disc
+        layout     "latlong"; "angular" (Debevec's `*_probe`: the centre looks along -Z, the rim is +Z); "mirror_ball"
+                   (photograph of a chrome sphere: the centre reflects +Z); "vertical_cross" or "horizontal_cross" of
+                   a cube (the centre looks along -Z); or "envmap_cube" of OpenEXR, which a file's attribute tells, too
         repair     as for the constructor
-        height     rows of the result, by area means; default: the file's for lat-long, half the size of the
-                   image else
+        height     rows of the result, by area means; default: for lat-long from pole to pole the file's; else at least
+                   512, for lat-long a multiple of the file's
+        rows       of a lat-long file: "centres", row y covers theta from pi y / H to pi (y + 1) / H; "poles", row y is
+                   at pi y / (H - 1), as in Mitsuba and in this class. Default: what `save` or an `envmap` attribute
+                   wrote into the file, else "centres"
+        circle     x, y and radius of an "angular" or "mirror_ball" disc, in pixels from the top left corner; default:
+                   the picture is square and tight around it
+        mask       (1, h, w) bool, True where such a picture may be used; what the disc lacks is filled with `repair`,
+                   and an error without it
+        reflectance  of a mirror ball, 0 < r <= 1, one number or one for each of R, G and B: radiance is divided by it
         raises     FileNotFoundError, ValueError
         """
-        if layout not in get_args(Layout):
-            raise ValueError(f"layout must be one of {', '.join(get_args(Layout))}, got {layout!r}")
-        image = read_image(path)
-        name = f"light probe {os.fspath(path)}"
-        if layout == "latlong":
-            probe = cls(image, repair=repair, name=name)
-            return probe if height is None else probe.resized(height)
-        _, h, w = image.shape
-        if h != w or h < 4:
-            raise ValueError(f"{name} must be square for {layout=}, got {h} x {w}; crop it to the disc")
-        disc = layout_of(layout)
-        image = _checked_values(image, disc.pixels(h).double(), repair, name)
-        return cls(disc.to_latlong(image, _checked_height(h // 2 if height is None else height)), name=name)
+        if height is not None:
+            _checked_height(height)
+        picture = LightPicture(Path(path), layout, rows, circle, mask, reflectance)
+        radiance, reading = picture.to_latlong(height, repair)
+        return cls._of(radiance, picture.name, reading)
 
     @classmethod
     def default(cls, height: int = 128) -> LightProbe:
@@ -124,6 +133,11 @@ class LightProbe:
     def name(self) -> str:
         """What messages call it: from `open`, the file."""
         return self._name
+
+    @property
+    def reading(self) -> str:
+        """How `open` took the file, in words, such as "rows at pixel centres"; empty for other probes."""
+        return self._reading
 
     @property
     def height(self) -> int:
@@ -214,6 +228,15 @@ class LightProbe:
             return self
         return self._derived(resize(self._radiance, height))
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the radiance as an .exr file that says that its rows run from pole to pole; `open` gives it back.
+
+        raises     ValueError for another suffix, OSError where the file cannot be written
+        """
+        if Path(path).suffix.lower() != ".exr":
+            raise ValueError(f"{path}: a light probe is saved as .exr, which can say how its rows lie; name it .exr")
+        write_image(path, self._radiance, {ROWS_KEY: "poles"})
+
     def to(self, device: torch.device | str) -> LightProbe:
         """The probe on another device."""
         moved = self._radiance.to(device)
@@ -233,8 +256,12 @@ class LightProbe:
         return ImportanceTables.build(self._radiance)
 
     def _derived(self, radiance: Tensor) -> LightProbe:
-        probe = object.__new__(LightProbe)
-        probe._radiance, probe._name = radiance, self._name
+        return self._of(radiance, self._name, self._reading)
+
+    @classmethod
+    def _of(cls, radiance: Tensor, name: str, reading: str) -> LightProbe:
+        probe = object.__new__(cls)
+        probe._radiance, probe._name, probe._reading = radiance, name, reading
         return probe
 
 
@@ -242,49 +269,11 @@ def _checked(radiance: Tensor, repair: bool, name: str) -> Tensor:
     if radiance.ndim != 3 or radiance.shape[0] != 3:
         raise ValueError(f"{name} must be (3, H, W) linear RGB, got {tuple(radiance.shape)}")
     _, h, w = radiance.shape
-    if w != 2 * h or h < 2:
-        raise ValueError(f"{name} must be lat-long (width = 2 x height), got {h} x {w}; "
-                         'for a mirror ball pass layout="mirror_ball"')
+    check_proportions(h, w, name)
     if not radiance.is_floating_point():
         raise ValueError(f"{name} must hold linear floating-point radiance, got {radiance.dtype}")
     weights = row_solid_angles(h, w, radiance.device)[:, None]
-    radiance = _checked_values(radiance.to(torch.float32, copy=True), weights, repair, name)
-    if not bool((radiance > 0).any()):
-        raise ValueError(f"{name} has no energy: every texel is 0; give a probe that emits light")
-    return radiance
-
-
-def _checked_values(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
-    """`radiance` without NaN, infinities or negative values.
-
-    weights    (H, W) or (H, 1): the texels' areas; texels of area 0 become 0 unseen
-    """
-    used = weights > 0
-    n_texels = int(used.expand(radiance.shape[1:]).sum())
-    invalid = used & ~torch.isfinite(radiance).all(dim=0)
-    n_invalid = int(invalid.sum())
-    if n_invalid == n_texels:
-        raise ValueError(f"{name} has no valid texel: all {n_texels} hold NaN or infinite values")
-    if n_invalid > 0 and not repair:
-        n_nan = int((used & torch.isnan(radiance).any(dim=0)).sum())
-        raise ValueError(f"{name} has {n_nan} NaN and {n_invalid - n_nan} infinite texels of {n_texels}; "
-                         "pass repair=True to fill them from their neighbours")
-    if n_invalid > 0:
-        radiance = fill_invalid(torch.where(used, radiance, math.nan))
-    radiance = torch.where(used, radiance, 0.0)
-    negative = radiance < 0
-    if bool(negative.any()):
-        energy = radiance.detach().double().abs() * weights
-        share = float((energy * negative).sum() / energy.sum())
-        warnings.warn(
-            f"{name} has {int(negative.sum())} negative values in {int(negative.any(dim=0).sum())} texels of "
-            f"{n_texels} ({100 * share:.2g} % of the energy, lowest {float(radiance.detach().min()):.3g}); "
-            "set to 0",
-            UserWarning,
-            stacklevel=4,
-        )
-        radiance = radiance.clamp_min(0.0)
-    return radiance
+    return sound(radiance.to(torch.float32, copy=True), weights, repair, name)
 
 
 def _checked_height(height: int) -> int:

@@ -6,7 +6,6 @@ from string import Template
 
 from torchbrdf.brdf import MerlTable
 from torchbrdf.files import writing_folder
-from torchbrdf.images import write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.mitsuba_backend.scenes import framing_of
 from torchbrdf.view import MeshView, View
@@ -121,7 +120,7 @@ def export_scene(table: MerlTable, probe: LightProbe, view: View, folder: str | 
         words = {"material": table.name, "light": probe.name, "view": repr(view), "mesh": mesh}
         _write_text(temporary / README, _README.substitute(words))
         table.save(temporary / BRDF)
-        write_image(temporary / PROBE, probe.radiance)
+        probe.save(temporary / PROBE)
         if isinstance(view, MeshView):
             view.mesh.save(temporary / MESH)
 

@@ -19,4 +19,4 @@ def coordinates(directions: Tensor) -> Tensor:
     return directions[..., :2] * (radius / sine.clamp_min(1e-12))[..., None]
 
 
-LAYOUT = DiscLayout(coordinates, edge=0.0)
+LAYOUT = DiscLayout(coordinates, solid_angle=torch.sinc, edge=0.0)

@@ -1,6 +1,7 @@
 """Mirror balls: photographs of a perfectly reflecting sphere by a distant camera that looks along -Z.
 
-The normal is (u, v, sqrt(1 - u^2 - v^2)), so the centre shows what is behind the camera, +Z, and the rim -Z.
+The normal is (u, v, sqrt(1 - u^2 - v^2)), so the centre shows what is behind the camera, +Z, and the rim -Z. All pixels
+have the same solid angle.
 """
 
 import math
@@ -20,5 +21,5 @@ def coordinates(directions: Tensor) -> Tensor:
     return directions[..., :2] * (radius / sine.clamp_min(1e-12))[..., None]
 
 
-LAYOUT = DiscLayout(coordinates, edge=math.sqrt(0.5))
+LAYOUT = DiscLayout(coordinates, solid_angle=torch.ones_like, edge=math.sqrt(0.5))
 """Pixels that a photographed silhouette cuts hold background."""

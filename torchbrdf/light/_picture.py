@@ -1,0 +1,160 @@
+"""From a file with a picture of light to lat-long radiance, and to words that say how the file was read."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import torch
+from torch import Tensor
+
+from torchbrdf.images import read_image
+from torchbrdf.light._soundness import fill, share_and_place, sound, warn
+from torchbrdf.light.latlong import from_bands, from_edge_columns, resize, row_solid_angles
+from torchbrdf.light.layouts import Circle, layout_of, looks_like
+from torchbrdf.light.settings import Layout, Rows
+
+ROWS_KEY = "probeRows"
+"""The attribute of our own .exr files that holds their `Rows`."""
+
+_LEAST_HEIGHT = 512
+"""Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut."""
+
+_EDGE = 1.0  # pixels at the edge of a disc that a mask may lack: masks are drawn roughly
+
+
+@dataclass(frozen=True)
+class LightPicture:
+    """A file, and how it is to be read, as in `LightProbe.open`."""
+
+    path: Path
+    layout: Layout = "latlong"
+    rows: Rows | None = None
+    circle: Circle | None = None
+    mask: Tensor | None = None
+    reflectance: float | Sequence[float] | None = None
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return f"light probe {self.path}"
+
+    def to_latlong(self, height: int | None, repair: bool) -> tuple[Tensor, str]:
+        """Sound radiance (3, H, 2 H), and how the file was read, in words."""
+        self._check()
+        image = read_image(self.path)
+        marked, kind = _said_by(self.path)
+        if self.layout != "latlong":
+            return self._converted(self.layout, image, height, repair)
+        if kind == "cube":
+            return self._converted("envmap_cube", image, height, repair)
+        check_proportions(image.shape[1], image.shape[2], self.name)
+        if self.rows == "centres" or (self.rows is None and marked != "poles" and kind is None):
+            return self._of_bands(image, height, repair), "rows at pixel centres"
+        radiance = sound(image, row_solid_angles(image.shape[1], 1)[:, None], repair, self.name)
+        said = "rows from pole to pole"
+        if self.rows is None and marked == "poles":
+            said += ", as the file says"
+        elif self.rows is None:
+            radiance = from_edge_columns(radiance)
+            said += " and columns from edge to edge, as its envmap attribute says"
+        return radiance if height in (None, len(radiance[0])) else resize(radiance, height), said
+
+    def _check(self) -> None:
+        layouts, all_rows = get_args(Layout), get_args(Rows)
+        if self.layout not in layouts:
+            raise ValueError(f"layout must be one of {', '.join(layouts)}, got {self.layout!r}")
+        if self.rows not in (None, *all_rows):
+            raise ValueError(f"rows must be one of {', '.join(all_rows)}, got {self.rows!r}")
+        disc = self.layout in ("angular", "mirror_ball")
+        for option, given, fits, where in (
+            ("--probe-rows (rows= in Python)", self.rows, self.layout == "latlong", "latlong"),
+            ("--probe-mask (mask= in Python)", self.mask, disc, "mirror_ball and angular"),
+            ("--probe-circle (circle= in Python)", self.circle, disc, "mirror_ball and angular"),
+            ("--mirror-reflectance (reflectance= in Python)", self.reflectance, self.layout == "mirror_ball",
+             "mirror_ball"),
+        ):  # fmt: skip
+            if given is not None and not fits:
+                raise ValueError(
+                    f"{self.name}: {option} goes with --probe-layout {where} (layout= in Python), got {self.layout}"
+                )
+        if self.path.suffix.lower() == ".png":
+            raise ValueError(
+                f"{self.path}: a PNG cannot hold the radiance of lamps; give the light probe as .exr or .hdr, "
+                "merged from several exposures"
+            )
+
+    def _of_bands(self, image: Tensor, height: int | None, repair: bool) -> Tensor:
+        h = image.shape[1]
+        areas = torch.cos(torch.arange(h + 1, dtype=torch.float64) * (math.pi / h)).diff().neg()[:, None]
+        return from_bands(sound(image, areas, repair, self.name), height or h * math.ceil(_LEAST_HEIGHT / h))
+
+    def _converted(self, layout: Layout, image: Tensor, height: int | None, repair: bool) -> tuple[Tensor, str]:
+        title = layout.replace("_", " ")
+        what = f"{self.name}, a picture of layout {layout},"
+        picture = layout_of(layout).placed((image.shape[1], image.shape[2]), self.circle, what)
+        weights = picture.weights()
+        said = f"{title}, {picture.description}"
+        excluded = torch.zeros_like(weights, dtype=torch.bool)
+        if self.mask is not None:
+            excluded = self._excluded(weights, picture.weights(_EDGE) > 0, repair)
+        image = sound(image, torch.where(excluded, 0.0, weights), repair, self.name)
+        image = fill(image, (weights > 0) & ~excluded, excluded)
+        if self.reflectance is not None:
+            factors = _reflectance(self.reflectance)
+            image = image / image.new_tensor(factors)[:, None, None]
+            said += f", reflectance {' '.join(f'{factor:g}' for factor in factors)}"
+        return picture.to_latlong(image, height or max(picture.rows, _LEAST_HEIGHT)), said
+
+    def _excluded(self, weights: Tensor, inner: Tensor, repair: bool) -> Tensor:
+        """(H, W) bool: pixels of the disc that the mask lacks. In its inner part they are an error without `repair`."""
+        assert self.mask is not None
+        if self.mask.shape != (1, *weights.shape) or self.mask.dtype != torch.bool:
+            raise ValueError(
+                f"{self.name}: the mask must be as large as the picture, (1, {weights.shape[0]}, {weights.shape[1]}) "
+                f"bool, got {tuple(self.mask.shape)} {self.mask.dtype}"
+            )
+        excluded = (weights > 0) & ~self.mask[0].cpu()
+        unknown = excluded & inner
+        if not bool(((weights > 0) & ~excluded).any()):
+            raise ValueError(f"{self.name}: the mask leaves no pixel of the disc; it must be white where the disc is")
+        if bool(unknown.any()):
+            what = f"{self.name}: the mask leaves out {share_and_place(unknown, weights)}"
+            if not repair:
+                raise ValueError(
+                    f"{what}; give --repair-probe (repair=True in Python) to fill that from around it, or a mask "
+                    "without holes"
+                )
+            warn(f"{what}; filled from around it")
+        return excluded
+
+
+def check_proportions(height: int, width: int, name: str) -> None:
+    """Raise ValueError for a picture that is not lat-long."""
+    if width != 2 * height or height < 2:
+        raise ValueError(
+            f"{name} must be lat-long (width = 2 x height), got {height} x {width}; {looks_like(height, width)}"
+        )
+
+
+def _reflectance(given: float | Sequence[float]) -> list[float]:
+    factors = [float(each) for each in ([given] if isinstance(given, (int, float)) else given)]
+    if len(factors) not in (1, 3) or not all(0 < each <= 1 for each in factors):
+        raise ValueError(
+            "--mirror-reflectance (reflectance= in Python) must be one or three numbers above 0 and at most 1, got "
+            + " ".join(f"{each:g}" for each in factors)
+        )
+    return factors
+
+
+def _said_by(path: Path) -> tuple[str | None, str | None]:
+    """What an .exr file says: our own mark of its rows, and "latlong" or "cube" where it is an environment map."""
+    if path.suffix.lower() != ".exr":
+        return None, None
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        header = file.parts[0].header
+    kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
+    return header.get(ROWS_KEY), kinds.get(header.get("envmap"))
