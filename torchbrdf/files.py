@@ -173,7 +173,7 @@ def _naming_the_disk(path: Path, temporary: Path, otherwise: str = "choose anoth
         yield
     except FullDiskError as error:
         inner = Path(error.filename)
-        if temporary in inner.parents:
+        if temporary in (inner, *inner.parents):
             error.filename = str(path / inner.relative_to(temporary))
         raise
     except Exception as error:
