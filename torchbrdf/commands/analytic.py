@@ -22,9 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--metric", choices=metrics, default=DEFAULT_METRIC, help="default: %(default)s")
     parser.add_argument("--separate", action="store_true", help="all parameters of each channel, not only colours")
     text = "of the model; default: %(default)s"
-    parser.add_argument(
-        "--most-evaluations", type=whole_number(1), default=MOST_EVALUATIONS, metavar="N", help=text
-    )
+    parser.add_argument("--most-evaluations", type=whole_number(1), default=MOST_EVALUATIONS, metavar="N", help=text)
     parser.add_argument("--format", choices=SUFFIXES, help="default: by the file's suffix")
     text = "; ".join(f"{name}: {' or '.join(suffixes)}" for name, suffixes in SUFFIXES.items())
     parser.add_argument("-o", "--output", type=Path, help=f"{text}; default: only print")
