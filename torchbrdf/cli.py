@@ -13,7 +13,7 @@ NAME = "torchbrdf"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit status: 0, 2 for bad input (one line on stderr says what), 130 for Ctrl-C."""
+    """Run one command; returns its exit status: 0, 2 for bad input (one line on stderr), else as `exit_status`."""
     options = parser().parse_args(arguments)
     warnings.showwarning = _show_warning
     return exit_status(NAME, options.run, options, interrupted="interrupted; nothing was written")
