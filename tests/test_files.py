@@ -300,6 +300,15 @@ class TestFullDisk:
         with pytest.raises(RuntimeError, match="no such operator"), writing(tmp_path / "out.exr"):
             raise RuntimeError("no such operator")
 
+    def test_a_writer_within_a_writer_is_named_as_the_outer(self, tmp_path: Path):
+        def fail() -> None:
+            with writing(tmp_path / "x.exr") as outer, writing(outer):
+                raise self.FULL
+
+        with pytest.raises(FullDiskError) as raised:
+            fail()
+        assert raised.value.filename == str(tmp_path / "x.exr")
+
     def test_a_file_of_a_folder_is_named_where_it_was_to_be(self, tmp_path: Path):
         def fail() -> None:
             with writing_folder(tmp_path / "out") as folder, writing(folder / "brdf.binary"):

@@ -15,7 +15,7 @@ NAME = "torchbrdf"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status.
 
-    0; 2 for bad input (one line on stderr says what); 3 for warnings with `--strict`; 130 for Ctrl-C.
+    0; 2 for bad input (one line on stderr); 3 for warnings with `--strict`; else as `exit_status`.
     """
     options = parser().parse_args(arguments)
     shown: list[str] = []

@@ -5,7 +5,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable
-from typing import NoReturn, Self
+from typing import Any, NoReturn, Self
 
 from torchbrdf.files import being_written, remove_unfinished
 from torchbrdf.interruption import interruptible
@@ -14,6 +14,7 @@ BAD_INPUT = 2
 WARNED = 3
 INTERRUPTED = 130
 
+_NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$|-(inf|infinity|nan)$", re.I)
 _OUT_OF_MEMORY = re.compile("can't allocate memory|out of memory", re.I)
 
 RESUMABLE = "interrupted; the same command goes on where it stopped"
@@ -21,7 +22,12 @@ RESUMABLE = "interrupted; the same command goes on where it stopped"
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, as those of `exit_status`."""
+    """A parser whose errors are one line, as those of `exit_status`, and to which -1e-3 and -inf are numbers."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        """See argparse, which takes what looks like no number and begins with a minus for an option."""
+        super().__init__(*arguments, **settings)
+        self._negative_number_matcher = _NEGATIVE_NUMBER
 
     @classmethod
     def of_script(cls, text: str | None) -> Self:

@@ -173,7 +173,7 @@ def _naming_the_disk(path: Path, temporary: Path, otherwise: str = "choose anoth
         yield
     except FullDiskError as error:
         inner = Path(error.filename)
-        if temporary in inner.parents:
+        if temporary in (inner, *inner.parents):
             error.filename = str(path / inner.relative_to(temporary))
         raise
     except Exception as error:
@@ -203,16 +203,12 @@ def _unwritable(error: OSError, path: Path) -> OSError:
     return type(error)(error.errno, f"cannot write here ({error.strerror}); choose another folder", str(path))
 
 
-def check_room(folder: Path, size: float, what: str, otherwise: str = "") -> None:
-    """Raises OSError where the disk of a cache folder has no room for `size` bytes.
-
-    otherwise  what one can do beside making room, as the end of the message
-    """
+def check_room(folder: Path, size: float, what: str) -> None:
+    """Raises OSError where the disk of a cache folder has no room for `size` bytes."""
     free = shutil.disk_usage(folder).free
     if free < size:
         raise OSError(
             f"{folder}: {what} needs {size / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make room or {OTHER_DISK}"
-            f"{otherwise}"
         )
 
 

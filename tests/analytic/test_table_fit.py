@@ -302,7 +302,7 @@ def test_same_fit_twice_and_no_random_numbers(ward: tb.MerlTable, misfit: Analyt
 def test_failure_to_converge_is_said(ggx: tb.MerlTable):
     fit = fit_analytic(ggx, "ggx", most_evaluations=1)
     assert not fit.converged
-    assert fit.warnings == ("not converged after 1 evaluations; raise most_evaluations, or start elsewhere",)
+    assert fit.warnings == ("not converged after 1 evaluations; raise --most-evaluations (most_evaluations in Python)",)
     assert str(fit).endswith("; NOT CONVERGED")
     assert np.isfinite(fit.error)
 

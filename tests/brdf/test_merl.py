@@ -222,7 +222,7 @@ class TestUnsoundFiles:
         planes = np.abs(stored)
         planes[2, [0, 5]] = value
         path = write_file(tmp_path / "t.binary", planes)
-        self.refused(path, f"{path}: 2 cells of the table are NaN or infinite; a file that holds them is damaged")
+        self.refused(path, f"{path}: 2 cells of the table are NaN or infinite; the file is damaged: download")
 
     @pytest.mark.parametrize("value", [float("nan"), float("inf")])
     def test_nan_beside_a_negative_channel_is_still_found(self, stored: np.ndarray, tmp_path: Path, value: float):

@@ -13,8 +13,8 @@ from torchbrdf.cli import main
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsize 34992012\n"
 BAD = {
-    "nan": (np.nan, "2 cells of the table are NaN or infinite; a file that holds them is damaged"),
-    "inf": (np.inf, "2 cells of the table are NaN or infinite; a file that holds them is damaged"),
+    "nan": (np.nan, "2 cells of the table are NaN or infinite; the file is damaged: download"),
+    "inf": (np.inf, "2 cells of the table are NaN or infinite; the file is damaged: download"),
     "1e300": (1e300, "2 cells of the table exceed 1e+11 1/sr, up to 6.7e+296, which no BRDF can"),
     "pointer": (None, "is a Git LFS pointer; `git lfs pull` in its repository fetches the file itself"),
 }

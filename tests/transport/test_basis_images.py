@@ -187,6 +187,15 @@ class TestFiles:
             with pytest.raises(ValueError, match=r"b\.safetensors: not basis images of this version"):
                 BasisImages.load(path)
 
+    @pytest.mark.parametrize("damage", [{"names": "x"}, {"names": "5"}, {"normal_coverage": "x"}, {"library": None}])
+    def test_damaged_metadata(self, saved: Path, damage: dict[str, str | None]):
+        with safe_open(saved, "pt") as file:
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+            metadata = file.metadata() | damage
+        save_file(tensors, saved, {key: value for key, value in metadata.items() if value is not None})
+        with pytest.raises(ValueError, match=r"basis\.safetensors: damaged basis images .*; render the basis again"):
+            BasisImages.load(saved)
+
     def test_failed_save_keeps_the_old_file(self, basis: BasisImages, saved: Path, monkeypatch: pytest.MonkeyPatch):
         def interrupted(*_: object) -> None:
             raise KeyboardInterrupt

@@ -279,7 +279,7 @@ class _Search:
         fits = [self._fit(table, each, uncertainty) for each in (METRICS if metric == IMAGE_METRIC else [metric])]
         found = fits[0] if len(fits) == 1 else most_alike(fits, table)
         if not found.converged:
-            advice = "raise most_evaluations, or start elsewhere"
+            advice = "raise --most-evaluations (most_evaluations in Python)"
             remarks = (*remarks, f"not converged after {self.most_evaluations} evaluations; {advice}")
         if found.error > POOR:
             remarks = (*remarks, f"a relative error of {found.error:.0%}: {found.model} cannot be such a material")

@@ -36,7 +36,6 @@ gets where f_r cos^2 theta_d <= 2.1e6; in the last row of theta_d that is f_r <=
 _HEADER_BYTES = 12
 FILE_BYTES = _HEADER_BYTES + 3 * N_CELLS * 8
 _FULL_GRID = (*GRID[:2], 2 * GRID[2])
-_ADVICE = "; a file that holds them is damaged: download or convert it again"
 Interpolation = Literal["nearest", "linear"]
 
 
@@ -114,13 +113,13 @@ class MerlTable:
         measured = self.values.detach()[self.valid]
         unsound = int((~torch.isfinite(measured)).any(-1).sum())
         if unsound:
-            raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite{_ADVICE}")
+            raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite")
         excessive = int((measured.abs() > LARGEST).any(-1).sum())
         if excessive:
             most = float(measured.abs().max())
             raise ValueError(
                 f"{self.name}: {excessive} cells of the table exceed {LARGEST:.0e} 1/sr, up to {most:.2g}, "
-                f"which no BRDF can{_ADVICE}"
+                "which no BRDF can"
             )
 
     def __repr__(self) -> str:
@@ -150,7 +149,8 @@ class MerlTable:
         try:
             return cls(values, torch.from_numpy((stored >= 0).all(-1) | ~np.isfinite(stored).all(-1)), path.stem)
         except ValueError as error:
-            raise ValueError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from None
+            problem = str(error).removeprefix(f"{path.stem}: ")
+            raise ValueError(f"{path}: {problem}; the file is damaged: download or convert it again") from None
 
     @classmethod
     def from_function(cls, f_r: Callable[[Tensor, Tensor], Tensor], name: str = "unnamed") -> "MerlTable":

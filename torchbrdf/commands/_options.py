@@ -1,8 +1,10 @@
 """Options that several commands share."""
 
 import argparse
+from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from torchbrdf.estimation import CONSTRAINTS, DEFAULT_PENALTY, Penalty
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, Encoding
@@ -12,6 +14,13 @@ STD = "brdf_std.binary"
 """The standard deviation of f_r in every cell, as a MERL table, in a folder that `torchbrdf fit` writes."""
 
 TABLE_HELP = "MERL table, .binary, or a folder that `fit` wrote"
+
+LARGEST_SIZE = 8192
+"""Pixels along a side that are believed to be meant."""
+
+_LEAST_RADIUS = 1.5
+_MOST_SAMPLES = 10**7
+_FEWEST_SAMPLES = 2
 
 _PENALTY_HELP = (
     f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
@@ -29,6 +38,63 @@ def add_output(parser: argparse.ArgumentParser, text: str, default: Path | None 
 def add_strict(parser: argparse.ArgumentParser) -> None:
     """`--strict`, which the command line looks at after the command."""
     parser.add_argument("--strict", action="store_true", help="exit with status 3 where there was a warning")
+
+
+def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """A parser of whole numbers from `least` to `most`."""
+    limits = f"from {least} to {most}" if most is not None else f"of at least {least}"
+
+    def parse(text: str) -> int:
+        if not (text.isdecimal() and int(text) >= least and (most is None or int(text) <= most)):
+            raise argparse.ArgumentTypeError(f"must be a whole number {limits}, got {text}")
+        return int(text)
+
+    return parse
+
+
+def number(above: float | None = None, below: float | None = None) -> Callable[[str], float]:
+    """A parser of finite numbers between two others, which are not meant."""
+    limits = "" if above is None else f" above {above:g}" if below is None else f" between {above:g} and {below:g}"
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not (isfinite(value) and (above is None or value > above) and (below is None or value < below)):
+            raise argparse.ArgumentTypeError(f"must be a finite number{limits}, got {text}")
+        return value
+
+    return parse
+
+
+def add_size(parser: argparse.ArgumentParser, default: int | None, text: str) -> None:
+    """`--size`, of a picture that holds a sphere."""
+    parser.add_argument("--size", type=whole_number(3, LARGEST_SIZE), default=default, metavar="N", help=text)
+
+
+def add_samples(parser: argparse.ArgumentParser, default: int, text: str) -> None:
+    """`--samples` a pixel."""
+    kind = whole_number(_FEWEST_SAMPLES, _MOST_SAMPLES)
+    parser.add_argument("--samples", type=kind, default=default, metavar="N", help=f"{text}; default: %(default)s")
+
+
+class _Direction(argparse.Action):
+    """Three numbers that are not all 0."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: object) -> None:
+        if not any(values):
+            raise argparse.ArgumentError(self, "must not be 0 0 0, which is no direction")
+        setattr(namespace, self.dest, values)
+
+
+class _Circle(argparse.Action):
+    """X, Y and a radius that holds pixels."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: object) -> None:
+        if values[2] < _LEAST_RADIUS:
+            raise argparse.ArgumentError(self, f"the radius must be at least {_LEAST_RADIUS} pixels, got {values[2]:g}")
+        setattr(namespace, self.dest, values)
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:
@@ -56,12 +122,13 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
     )
     parser.add_argument(f"--{light}-rows", choices=get_args(Rows), help=text)
     text = "where the disc of a mirror ball or an angular map is, in pixels; default: a tight square crop"
-    parser.add_argument(f"--{light}-circle", type=float, nargs=3, metavar=("X", "Y", "R"), help=text)
+    kind: dict[str, Any] = {"type": number(), "nargs": 3, "metavar": ("X", "Y", "R"), "action": _Circle}
+    parser.add_argument(f"--{light}-circle", **kind, help=text)
     text = "image that is white where such a disc may be used"
     parser.add_argument(f"--{light}-mask", type=Path, metavar="FILE", help=text)
     if light == "probe":
         text = "share of the light that the mirror ball reflects, one number or R G B; default: all"
-        parser.add_argument("--mirror-reflectance", type=float, nargs="+", metavar="R", help=text)
+        parser.add_argument("--mirror-reflectance", type=number(0), nargs="+", metavar="R", help=text)
 
 
 def add_library(parser: argparse.ArgumentParser) -> None:
@@ -79,14 +146,13 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
         help="sphere (default); a mesh, .ply or .obj; or a normal map, .exr, X Y Z in R G B",
     )
     text = "horizontal field of view of the whole picture, as given; default: orthographic"
-    group.add_argument("--fov", type=float, metavar="DEG", help=text)
-    for name, text in (
-        ("toward", "from the target towards the camera; default: 0 0 1"),
-        ("up", "what is up in the image; default: 0 1 0"),
-        ("target", "what the camera looks at; default: the middle of the mesh"),
-    ):
-        group.add_argument(f"--{name}", type=float, nargs=3, metavar=("X", "Y", "Z"), help=text)
-    group.add_argument("--width", type=float, help="shown at the target; default: the mesh's bounding sphere")
+    group.add_argument("--fov", type=number(0, 180), metavar="DEG", help=text)
+    three: dict[str, Any] = {"type": number(), "nargs": 3, "metavar": ("X", "Y", "Z")}
+    text = "from the target towards the camera; default: 0 0 1"
+    group.add_argument("--toward", **three, action=_Direction, help=text)
+    group.add_argument("--up", **three, action=_Direction, help="what is up in the image; default: 0 1 0")
+    group.add_argument("--target", **three, help="what the camera looks at; default: the middle of the mesh")
+    group.add_argument("--width", type=number(0), help="shown at the target; default: the mesh's bounding sphere")
     group.add_argument("--no-shadows", action="store_true", help="light the mesh as if it cast no shadows")
 
 
@@ -96,7 +162,7 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mask", type=Path, help=text)
     parser.add_argument("--invert-mask", action="store_true", help="the mask is white around the shape")
     text = "silhouette in pixels; default: from the mask, else as large as the photograph"
-    parser.add_argument("--circle", type=float, nargs=3, metavar=("X", "Y", "R"), help=text)
+    parser.add_argument("--circle", type=number(), nargs=3, metavar=("X", "Y", "R"), action=_Circle, help=text)
     parser.add_argument("--layer", metavar="NAME", help="of a photograph that holds several pictures")
     add_library(parser)
     parser.add_argument(
@@ -104,7 +170,7 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--constraint", choices=CONSTRAINTS, help=_CONSTRAINT_HELP + "; default: none")
     parser.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
-    parser.add_argument("--size", type=int, help="resample to N x N pixels; default: its own, at most 128")
+    add_size(parser, None, "resample to N x N pixels; default: its own, at most 128")
     text = "accept a photograph of 8 or 16 bits, decoded as it says, else with gamma 2.2"
     parser.add_argument("--allow-ldr", action="store_true", help=text)
     text = "accept it, decoded so, whatever it says"

@@ -8,7 +8,7 @@ from pathlib import Path
 from torchbrdf.analytic import DEFAULT_METRIC, DEFAULT_MODEL, IMAGE_METRIC, MOST_EVALUATIONS, models
 from torchbrdf.analytic.export import SUFFIXES
 from torchbrdf.brdf import METRIC_NAMES
-from torchbrdf.commands._options import add_light, add_table
+from torchbrdf.commands._options import add_light, add_size, add_table, whole_number
 from torchbrdf.files import writing
 
 
@@ -21,14 +21,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     metrics = (*METRIC_NAMES, IMAGE_METRIC)
     parser.add_argument("--metric", choices=metrics, default=DEFAULT_METRIC, help="default: %(default)s")
     parser.add_argument("--separate", action="store_true", help="all parameters of each channel, not only colours")
-    parser.add_argument(
-        "--most-evaluations", type=int, default=MOST_EVALUATIONS, metavar="N", help="of the model; default: %(default)s"
-    )
+    text = "of the model; default: %(default)s"
+    parser.add_argument("--most-evaluations", type=whole_number(1), default=MOST_EVALUATIONS, metavar="N", help=text)
     parser.add_argument("--format", choices=SUFFIXES, help="default: by the file's suffix")
     text = "; ".join(f"{name}: {' or '.join(suffixes)}" for name, suffixes in SUFFIXES.items())
     parser.add_argument("-o", "--output", type=Path, help=f"{text}; default: only print")
     parser.add_argument("--preview", type=Path, help="picture of the table's sphere and the fit's, .png, .exr or .hdr")
-    parser.add_argument("--size", type=int, default=192, help="pixels along a sphere of it; default: %(default)s")
+    add_size(parser, 192, "pixels along a sphere of it; default: %(default)s")
     add_light(parser, default="default")
 
 

@@ -3,7 +3,15 @@
 import argparse
 from pathlib import Path
 
-from torchbrdf.commands._options import add_library, add_light, add_output, add_shape
+from torchbrdf.commands._options import (
+    add_library,
+    add_light,
+    add_output,
+    add_samples,
+    add_shape,
+    add_size,
+    whole_number,
+)
 from torchbrdf.files import writing
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -15,9 +23,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_light(parser)
     add_shape(parser)
     add_library(parser)
-    parser.add_argument("--size", type=int, default=64, help="pixels along a side; default: 64")
-    parser.add_argument("--samples", type=int, default=DEFAULT_SAMPLES, help="samples a pixel; default: %(default)s")
-    parser.add_argument("--seed", type=int, default=0, help="of the random numbers; default: 0")
+    add_size(parser, 64, "pixels along a side; default: %(default)s")
+    add_samples(parser, DEFAULT_SAMPLES, "samples a pixel")
+    parser.add_argument("--seed", type=whole_number(0, 2**31 - 1), default=0, help="of the random numbers; default: 0")
     add_output(parser, "basis images, .safetensors")
 
 

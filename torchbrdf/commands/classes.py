@@ -2,15 +2,15 @@
 
 import argparse
 
-from torchbrdf.commands._options import add_library
+from torchbrdf.commands._options import add_library, whole_number
 from torchbrdf.estimation import N_CLASSES, N_DIMS
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Of which library, and how many."""
     add_library(parser)
-    parser.add_argument("--n-classes", type=int, default=N_CLASSES, help="K; default: %(default)s")
-    parser.add_argument("--n-dims", type=int, default=N_DIMS, help="N; default: %(default)s")
+    parser.add_argument("--n-classes", type=whole_number(1), default=N_CLASSES, help="K; default: %(default)s")
+    parser.add_argument("--n-dims", type=whole_number(1), default=N_DIMS, help="N; default: %(default)s")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from torchbrdf.commands._options import TABLE_HELP, add_light, add_output
+from torchbrdf.commands._options import TABLE_HELP, add_light, add_output, add_samples, add_size
 from torchbrdf.files import writing
 from torchbrdf.report import COMPARISON_SAMPLES, COMPARISON_SIZE
 
@@ -11,10 +11,8 @@ from torchbrdf.report import COMPARISON_SAMPLES, COMPARISON_SIZE
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is compared, and how well."""
     parser.add_argument("brdfs", type=Path, nargs="+", metavar="BRDF", help=TABLE_HELP)
-    text = "pixels along a sphere; default: %(default)s"
-    parser.add_argument("--size", type=int, default=COMPARISON_SIZE, help=text)
-    text = "samples a pixel, on average; default: %(default)s"
-    parser.add_argument("--samples", type=int, default=COMPARISON_SAMPLES, help=text)
+    add_size(parser, COMPARISON_SIZE, "pixels along a sphere; default: %(default)s")
+    add_samples(parser, COMPARISON_SAMPLES, "samples a pixel, on average")
     add_light(parser, default="default")
     add_output(parser, "X.html")
 

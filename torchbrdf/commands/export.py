@@ -2,7 +2,7 @@
 
 import argparse
 
-from torchbrdf.commands._options import add_light, add_output, add_shape, add_table
+from torchbrdf.commands._options import add_light, add_output, add_shape, add_size, add_table
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -10,7 +10,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_table(parser)
     add_light(parser)
     add_shape(parser)
-    parser.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
+    add_size(parser, 256, "pixels along a side; default: %(default)s")
     add_output(parser, "folder for scene.xml, the files that it names, and render.py")
 
 

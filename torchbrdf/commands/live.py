@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from torchbrdf.commands._options import add_estimation, add_light, add_reading, add_shape
+from torchbrdf.commands._options import add_estimation, add_light, add_reading, add_shape, whole_number
 
 if TYPE_CHECKING:
     from torchbrdf.brdf import MaterialLibrary
@@ -16,15 +15,6 @@ if TYPE_CHECKING:
 
 PIXELS = 128
 _OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "size")
-
-
-def _whole_number(least: int, most: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not (text.isdecimal() and least <= int(text) <= most):
-            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}, got {text}")
-        return int(text)
-
-    return parse
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +26,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--light", help='another probe to turn instead; "default" for the embedded one')
     add_reading(parser, "light")
     text = "along a sphere; default: %(default)s"
-    parser.add_argument("--pixels", type=_whole_number(16, 512), default=PIXELS, help=text)
+    parser.add_argument("--pixels", type=whole_number(16, 512), default=PIXELS, help=text)
     text = "of 127.0.0.1; default: any free one"
-    parser.add_argument("--port", type=_whole_number(0, 65535), default=0, help=text)
+    parser.add_argument("--port", type=whole_number(0, 65535), default=0, help=text)
     parser.add_argument("--no-browser", action="store_true", help="print the page's address, and open no browser")
 
 

@@ -2,7 +2,7 @@
 
 import argparse
 
-from torchbrdf.commands._options import add_light, add_output, add_table
+from torchbrdf.commands._options import add_light, add_output, add_samples, add_size, add_table, number
 from torchbrdf.files import writing
 
 
@@ -10,9 +10,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """What is rendered, and how well."""
     add_table(parser)
     add_light(parser)
-    parser.add_argument("--size", type=int, default=256, help="pixels along a side; default: 256")
-    parser.add_argument("--samples", type=int, default=1024, help="samples a pixel, on average; default: 1024")
-    parser.add_argument("--exposure", type=float, default=1.0, help="factor on the radiance in a .png; default: 1")
+    add_size(parser, 256, "pixels along a side; default: %(default)s")
+    add_samples(parser, 1024, "samples a pixel, on average")
+    parser.add_argument("--exposure", type=number(0), default=1.0, help="factor on the radiance in a .png; default: 1")
     add_output(parser, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
 
 

@@ -113,7 +113,7 @@ def _check(mean: Tensor, precision: Tensor, constraint: str, bounds: EnergyBound
     if not (torch.isfinite(mean).all() and torch.isfinite(precision).all()):
         raise ValueError("mean and precision must be finite; check the photograph and the basis images for NaN")
     if not (precision.diagonal(dim1=-2, dim2=-1) > 0).all():
-        raise ValueError("precision must be positive definite, its diagonal is not; use a penalty above 0")
+        raise ValueError("precision must be positive definite, its diagonal is not; the penalty must be above 0")
     if constraint == "energy":
         if bounds is None:
             raise ValueError('constraint "energy" needs bounds; pass EnergyBounds.of(library)')
@@ -138,7 +138,7 @@ def _within_energy(
     """Generation of constraints: solve with few cells, add the most negative ones, repeat."""
     factor, info = torch.linalg.cholesky_ex(precision)
     if info.any():
-        raise ValueError("precision must be positive definite for the energy constraint; use a larger penalty")
+        raise ValueError("precision must be positive definite for the energy constraint; the penalty must be larger")
     with torch.no_grad():
         work = _WorkingRows(bounds, mean, precision, factor, group)
         depth = work.generate()

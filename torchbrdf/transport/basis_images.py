@@ -18,6 +18,7 @@ from torchbrdf.view import View, pack, unpack
 FEWEST_NORMALS = 0.15
 """Share of a sphere's normals that a shape must show for its photograph to tell the BRDF (docs/known_shapes.md)."""
 
+_AGAIN = "render the basis again (`torchbrdf bake`)"
 _FORMAT = "torchbrdf basis images 1"
 _ORIGIN = ("library", "probe", "view", "description")
 
@@ -164,16 +165,19 @@ class BasisImages:
             with safe_open(path, "pt") as file:
                 metadata = file.metadata() or {}
                 if metadata.get("format") != _FORMAT:
-                    raise ValueError(f"{path}: not basis images of this version ({_FORMAT!r})")
+                    raise ValueError(f"{path}: not basis images of this version ({_FORMAT!r}); {_AGAIN}")
                 tensors = {key: file.get_tensor(key) for key in list(file.keys())}
         except SafetensorError as error:
             raise ValueError(f"{path}: not basis images: {error}") from None
-        basis = cls(
-            **tensors,
-            names=tuple(json.loads(metadata["names"])),
-            normal_coverage=float(metadata.get("normal_coverage", 1)),
-            **{key: metadata[key] for key in _ORIGIN},
-        )
+        try:
+            basis = cls(
+                **tensors,
+                names=tuple(json.loads(metadata["names"])),
+                normal_coverage=float(metadata.get("normal_coverage", 1)),
+                **{key: metadata[key] for key in _ORIGIN},
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path}: damaged basis images ({error}); {_AGAIN}") from None
         expected = {
             "library": library is None or (library.source, library.names) == (basis.library, basis.names),
             "light probe": probe is None or probe.fingerprint == basis.probe,
@@ -181,5 +185,5 @@ class BasisImages:
         }
         for what, matches in expected.items():
             if not matches:
-                raise ValueError(f"{path}: rendered with another {what}; render the basis again with this one")
+                raise ValueError(f"{path}: rendered with another {what}; {_AGAIN} with this one")
         return basis

@@ -75,7 +75,7 @@ def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
         kernels = _read(path)
         if kernels is None:
             parts = path.with_suffix(".parts")
-            check_room(path.parent, _HEADROOM, "the harmonic transport", ', or use backend="sampled"')
+            check_room(path.parent, _HEADROOM, "the harmonic transport")
             parts.mkdir(exist_ok=True)
             try:
                 built = _assembled(stored, parts, progress)
