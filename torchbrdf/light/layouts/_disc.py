@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from torchbrdf.light.latlong import area_mean
+from torchbrdf.light.layouts._supersampling import lookups
 
-_SUPERSAMPLING = 6
 _OVERHANG = 1.0
 """Pixels by which a disc may leave its picture: as little is cut by a crop to whole pixels."""
 
@@ -113,4 +113,4 @@ class Disc:
             found = torch.lerp(upper, lower, t)
             return found[..., :3] / found[..., 3:]
 
-        return area_mean(radiance_of, height, 2 * height, _SUPERSAMPLING, image.device)
+        return area_mean(radiance_of, height, 2 * height, lookups(self.rows, height), image.device)
