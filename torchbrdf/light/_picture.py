@@ -155,6 +155,6 @@ def _said_by(path: Path) -> tuple[str | None, str | None]:
     import OpenEXR
 
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-        header = file.parts[0].header
+        header = dict(file.parts[0].header)  # the file takes its own with it
     kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     return header.get(ROWS_KEY), kinds.get(header.get("envmap"))

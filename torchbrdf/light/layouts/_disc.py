@@ -45,8 +45,8 @@ class DiscLayout:
                 )
             circle = width / 2, height / 2, height / 2
         x, y, radius = circle
-        beyond = max(radius - x, x + radius - width, radius - y, y + radius - height)
-        if not (2 <= radius < math.inf and beyond <= _OVERHANG):
+        beyond = (radius - x, x + radius - width, radius - y, y + radius - height)
+        if not (radius >= 2 and all(pixels <= _OVERHANG for pixels in beyond)):
             raise ValueError(
                 f"{what}: a disc around ({x:g}, {y:g}) of radius {radius:g} does not lie in a picture of {height} x "
                 f"{width}; give --probe-circle X Y R (circle=(x, y, r) in Python), in pixels from the top left corner"
