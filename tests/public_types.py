@@ -34,4 +34,6 @@ def from_a_photograph_to_a_table(path: Path) -> None:
 def what_a_checker_refuses() -> None:
     """mypy complains where one of these comments is no longer needed."""
     tb.LightProbe.open("probe.hdr", layout="cube")  # type: ignore[arg-type]
+    tb.LightProbe.open("ball.hdr", "mirror_ball", circle=(8, 8, 8), reflectance=(0.5, 0.6, 0.6))
+    tb.LightProbe.open("probe.hdr", rows="middle")  # type: ignore[arg-type]
     tb.no_such_name  # type: ignore[attr-defined] # noqa: B018
