@@ -26,6 +26,7 @@ def from_a_photograph_to_a_table(path: Path) -> None:
     assert_type(result.brdf(library), tb.MerlTable)
     assert_type(tb.align(tb.read_image(path), probe, view, library), tb.Alignment)
     assert_type(tb.render(result.brdf(library), probe, view), Tensor)
+    assert_type(tb.LightProbe.open("x.hdr", "mirror_ball", circle=(8, 8, 8), reflectance=(0.5, 0.6, 1)), tb.LightProbe)
     assert_type(tb.__version__, str)
     assert_type(MODELS["ggx"], AnalyticModel)
     load_mitsuba()
@@ -34,4 +35,5 @@ def from_a_photograph_to_a_table(path: Path) -> None:
 def what_a_checker_refuses() -> None:
     """mypy complains where one of these comments is no longer needed."""
     tb.LightProbe.open("probe.hdr", layout="cube")  # type: ignore[arg-type]
+    tb.LightProbe.open("probe.hdr", rows="middle")  # type: ignore[arg-type]
     tb.no_such_name  # type: ignore[attr-defined] # noqa: B018

@@ -502,7 +502,7 @@ def mirror_ball(size: int) -> torch.Tensor:
 def test_layouts_of_a_known_scene(tmp_path, layout, picture, worst, mean):
     path = tmp_path / "probe.exr"
     write_image(path, picture(128))
-    probe = LightProbe.open(path, layout=layout)
+    probe = LightProbe.open(path, layout=layout, height=64)
     assert probe.radiance.shape == (3, 64, 128)
     expected = scene(texel_directions(64))
     error = (probe.radiance - expected).abs()
@@ -547,7 +547,7 @@ def test_angular_map_of_uffizi_against_another_program():
 @pytest.mark.filterwarnings("ignore:light probe:UserWarning")
 def test_angular_map_of_uffizi_has_the_handedness_of_the_published_latlong():
     """Against `uffizi.hdr`: no mirroring, a turn of a quarter about +Y; residual 8.7 % RMS at 64 rows."""
-    ours = LightProbe.open(PROBES / "uffizi_angularmap.exr", layout="angular")
+    ours = LightProbe.open(PROBES / "uffizi_angularmap.exr", layout="angular", height=64)
     published = LightProbe.open(PROBES / "uffizi.hdr", height=64)
     turned = ours.rotated(torch.from_numpy(Rotation.from_euler("y", math.pi / 2).as_matrix())).radiance
     weight = published.solid_angles
@@ -563,12 +563,15 @@ def test_repair_fills_from_neighbours_across_the_seam():
     radiance = torch.zeros(3, 6, 12)
     radiance[:, :, :] = torch.arange(12.0)
     radiance[:, 2, 0] = math.nan
-    radiance[1, 4, 6] = math.inf
-    message = "light probe has 1 NaN and 1 infinite texels of 72; "
-    message += "pass repair=True to fill them from their neighbours"
+    radiance[1, 4, 6] = -math.inf
+    share = 100 * float(LightProbe(torch.ones(3, 6, 12)).solid_angles[[2, 4], [0, 6]].sum()) / (4 * math.pi)
+    what = f"light probe has 1 NaN texel and 1 -infinite texel of 72 ({share:.2g} % of the sphere; in 2 places, "
+    what += "the largest at row 2, column 0, counted from 0); "
+    message = what + "give --repair-probe (repair=True in Python) to fill them from their neighbours"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         LightProbe(radiance)
-    fixed = LightProbe(radiance, repair=True).radiance
+    with pytest.warns(UserWarning, match=f"^{re.escape(what)}filled from their neighbours$"):
+        fixed = LightProbe(radiance, repair=True).radiance
     assert fixed[:, 2, 0].tolist() == pytest.approx([(3 * 11 + 3 * 1 + 2 * 0) / 8] * 3)
     assert fixed[:, 4, 6].tolist() == pytest.approx([6.0] * 3)
     untouched = torch.isfinite(radiance).all(dim=0)
@@ -579,7 +582,31 @@ def test_repair_closes_large_holes_and_changes_nothing_else():
     radiance = torch.full((3, 40, 80), 2.5)
     radiance[:, 5:35, 60:] = math.nan
     radiance[:, 5:35, :20] = -math.inf
-    assert LightProbe(radiance, repair=True).radiance.unique().tolist() == [2.5]
+    with pytest.warns(UserWarning, match="600 NaN texels and 600 -infinite texels of 3200"):
+        assert LightProbe(radiance, repair=True).radiance.unique().tolist() == [2.5]
+
+
+@pytest.mark.parametrize("repair", [False, True])
+def test_infinite_texels_are_never_filled(repair):
+    """Not even beside a hole: nothing around a clipped lamp says how bright it is."""
+    radiance = torch.ones(3, 6, 12)
+    radiance[0, 2:4, 5] = math.inf
+    radiance[:, 2, 4] = math.nan
+    message = "light probe has 2 infinite texels of 72 (rows 2 to 3, column 5, counted from 0): a lamp brighter"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}") as caught:
+        LightProbe(radiance, repair=repair)
+    assert "repair" not in str(caught.value)
+
+
+def test_the_largest_half_float_is_a_clipped_lamp():
+    radiance = torch.ones(3, 6, 12)
+    radiance[1, 2, 3] = 65503
+    assert LightProbe(radiance).radiance.max() == 65503
+    radiance[1, 2, 3] = 65504
+    message = r"^light probe has 1 texel of exactly 65504, the largest half float \(row 2, column 3, counted from 0\)"
+    with pytest.warns(UserWarning, match=message) as caught:
+        assert LightProbe(radiance).radiance.max() == 65504
+    assert [warning.filename for warning in caught] == [__file__]
 
 
 def test_negative_values_are_clamped_with_a_warning():
@@ -603,13 +630,14 @@ def test_negative_values_are_clamped_with_a_warning():
     [
         (
             torch.ones(3, 64, 64),
-            "light probe must be lat-long (width = 2 x height), got 64 x 64; "
-            'for a mirror ball pass layout="mirror_ball"',
+            "light probe must be lat-long (width = 2 x height), got 64 x 64; it looks like a mirror ball or an angular "
+            "map: give --probe-layout mirror_ball or --probe-layout angular",
         ),
         (
             torch.ones(3, 1, 2),
             "light probe must be lat-long (width = 2 x height), got 1 x 2; "
-            'for a mirror ball pass layout="mirror_ball"',
+            "crop or convert it; for a photograph of a mirror ball give --probe-layout mirror_ball with "
+            "--probe-circle X Y R",
         ),
         (torch.ones(4, 8, 3), "light probe must be (3, H, W) linear RGB, got (4, 8, 3)"),
         (torch.ones(1, 3, 4, 8), "light probe must be (3, H, W) linear RGB, got (1, 3, 4, 8)"),
@@ -637,13 +665,13 @@ def test_bad_files(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"p\.exr: no such file$"):
         LightProbe.open(path)
     write_image(path, torch.ones(3, 6, 9))
-    message = f"light probe {path} must be lat-long (width = 2 x height), got 6 x 9; for a"
+    message = f"light probe {path} must be lat-long (width = 2 x height), got 6 x 9; crop or"
     with pytest.raises(ValueError, match=re.escape(message)):
         LightProbe.open(path)
-    message = f"light probe {path} must be square for layout='angular', got 6 x 9; crop it to the disc"
+    message = f"light probe {path}, a picture of layout angular, must be square, got 6 x 9; crop it to the disc, or"
     with pytest.raises(ValueError, match=re.escape(message)):
         LightProbe.open(path, layout="angular")
-    with pytest.raises(ValueError, match=r"be one of latlong, angular, mirror_ball, got 'cube'$"):
+    with pytest.raises(ValueError, match=r"be one of latlong, angular, .*, envmap_cube, got 'cube'$"):
         LightProbe.open(path, layout="cube")
 
 
@@ -661,11 +689,13 @@ def test_bad_shapes_of_directions_and_points():
 @pytest.mark.filterwarnings("ignore:light probe:UserWarning")
 def test_a_probe_file_with_invalid_texels():
     path = PROBES / "bad_nan_inf.exr"
-    message = r"bad_nan_inf\.exr has \d+ NaN and \d+ infinite texels of 524288; pass repair=True"
-    with pytest.raises(ValueError, match=message):
-        LightProbe.open(path)
+    message = r"bad_nan_inf\.exr has \d+ infinite texels? of 524288 \("
+    for repair in (False, True):
+        with pytest.raises(ValueError, match=message):
+            LightProbe.open(path, repair=repair)
     stored = read_image(path)
+    holes = torch.where(stored == math.inf, math.nan, stored)
     valid = torch.isfinite(stored).all(dim=0)
-    repaired = LightProbe.open(path, repair=True).radiance
+    repaired = LightProbe(holes, repair=True).radiance
     assert torch.isfinite(repaired).all()
     assert torch.equal(repaired[:, valid], stored[:, valid].clamp_min(0))

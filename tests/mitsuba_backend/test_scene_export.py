@@ -143,7 +143,7 @@ def test_whole_or_absent(table, probe, tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("torchbrdf.mitsuba_backend.scene_export.write_image", fail)
+    monkeypatch.setattr("torchbrdf.light.probe.write_image", fail)
     with pytest.raises(OSError, match="disk full"):
         export_scene(table, probe, tb.SphereView(8), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

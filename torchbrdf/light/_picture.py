@@ -19,7 +19,10 @@ ROWS_KEY = "probeRows"
 """The attribute of our own .exr files that holds their `Rows`."""
 
 _LEAST_HEIGHT = 512
-"""Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut."""
+"""Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut.
+
+The harmonic transport resolves 600 rows, so that as many cost it no time.
+"""
 
 _EDGE = 1.0  # pixels at the edge of a disc that a mask may lack: masks are drawn roughly
 
@@ -98,7 +101,7 @@ class LightPicture:
         said = f"{title}, {picture.description}"
         excluded = torch.zeros_like(weights, dtype=torch.bool)
         if self.mask is not None:
-            excluded = self._excluded(weights, picture.weights(_EDGE) > 0, repair)
+            excluded = self._excluded(self.mask, weights, picture.weights(_EDGE) > 0, repair)
         image = sound(image, torch.where(excluded, 0.0, weights), repair, self.name)
         image = fill(image, (weights > 0) & ~excluded, excluded)
         if self.reflectance is not None:
@@ -107,15 +110,14 @@ class LightPicture:
             said += f", reflectance {' '.join(f'{factor:g}' for factor in factors)}"
         return picture.to_latlong(image, height or max(picture.rows, _LEAST_HEIGHT)), said
 
-    def _excluded(self, weights: Tensor, inner: Tensor, repair: bool) -> Tensor:
+    def _excluded(self, mask: Tensor, weights: Tensor, inner: Tensor, repair: bool) -> Tensor:
         """(H, W) bool: pixels of the disc that the mask lacks. In its inner part they are an error without `repair`."""
-        assert self.mask is not None
-        if self.mask.shape != (1, *weights.shape) or self.mask.dtype != torch.bool:
+        if mask.shape != (1, *weights.shape) or mask.dtype != torch.bool:
             raise ValueError(
                 f"{self.name}: the mask must be as large as the picture, (1, {weights.shape[0]}, {weights.shape[1]}) "
-                f"bool, got {tuple(self.mask.shape)} {self.mask.dtype}"
+                f"bool, got {tuple(mask.shape)} {mask.dtype}"
             )
-        excluded = (weights > 0) & ~self.mask[0].cpu()
+        excluded = (weights > 0) & ~mask[0].cpu()
         unknown = excluded & inner
         if not bool(((weights > 0) & ~excluded).any()):
             raise ValueError(f"{self.name}: the mask leaves no pixel of the disc; it must be white where the disc is")
@@ -155,6 +157,6 @@ def _said_by(path: Path) -> tuple[str | None, str | None]:
     import OpenEXR
 
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-        header = file.parts[0].header
+        header = dict(file.parts[0].header)  # the file takes its own with it
     kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     return header.get(ROWS_KEY), kinds.get(header.get("envmap"))

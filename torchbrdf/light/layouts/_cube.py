@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.light.latlong import area_mean
-
-_SUPERSAMPLING = 6
+from torchbrdf.light.layouts._supersampling import lookups
 
 _AXES = {f"{sign}{axis}": (k, value) for k, axis in enumerate("XYZ") for sign, value in (("+", 1.0), ("-", -1.0))}
 
@@ -117,4 +116,4 @@ class Cube:
             column, row = (pixel(along.gather(-1, face) / depth) for along in (right, down))
             return texels[(first[face] + row * image.shape[2] + column).squeeze(-1)]
 
-        return area_mean(radiance_of, height, 2 * height, _SUPERSAMPLING, image.device)
+        return area_mean(radiance_of, height, 2 * height, lookups(self.rows, height), image.device)

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from torchbrdf.light.latlong import area_mean
+from torchbrdf.light.layouts._supersampling import lookups
 
-_SUPERSAMPLING = 6
 _OVERHANG = 1.0
 """Pixels by which a disc may leave its picture: as little is cut by a crop to whole pixels."""
 
@@ -45,8 +45,8 @@ class DiscLayout:
                 )
             circle = width / 2, height / 2, height / 2
         x, y, radius = circle
-        beyond = max(radius - x, x + radius - width, radius - y, y + radius - height)
-        if not (2 <= radius < math.inf and beyond <= _OVERHANG):
+        beyond = (radius - x, x + radius - width, radius - y, y + radius - height)
+        if not (radius >= 2 and all(pixels <= _OVERHANG for pixels in beyond)):
             raise ValueError(
                 f"{what}: a disc around ({x:g}, {y:g}) of radius {radius:g} does not lie in a picture of {height} x "
                 f"{width}; give --probe-circle X Y R (circle=(x, y, r) in Python), in pixels from the top left corner"
@@ -113,4 +113,4 @@ class Disc:
             found = torch.lerp(upper, lower, t)
             return found[..., :3] / found[..., 3:]
 
-        return area_mean(radiance_of, height, 2 * height, _SUPERSAMPLING, image.device)
+        return area_mean(radiance_of, height, 2 * height, lookups(self.rows, height), image.device)

@@ -1,0 +1,103 @@
+"""`--probe` and the options beside it, as commands read them."""
+
+import argparse
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+from torchbrdf import LightProbe, write_image
+from torchbrdf.commands._inputs import open_probe
+from torchbrdf.commands._options import add_light
+from torchbrdf.commands.live import _other_light, add_options
+
+CIRCLE = (30.0, 21.0, 14.0)
+
+
+def parsed(*arguments: object) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_light(parser)
+    return parser.parse_args(["--probe", *map(str, arguments)])
+
+
+def distance(size: tuple[int, int]) -> torch.Tensor:
+    """Of pixels from the middle of the ball."""
+    y, x = torch.meshgrid(*(torch.arange(n) + 0.5 for n in size), indexing="ij")
+    return torch.hypot(x - CIRCLE[0], y - CIRCLE[1])
+
+
+@pytest.fixture
+def photograph(tmp_path: Path) -> Path:
+    """A mirror ball that is green at its right, before red."""
+    size = (44, 64)
+    inside = distance(size) <= CIRCLE[2]
+    picture = torch.stack([(~inside).float(), torch.linspace(0, 1, 64).expand(size) * inside, 0.1 * inside])
+    write_image(tmp_path / "ball.exr", picture)
+    write_image(tmp_path / "mask.png", inside.float().expand(3, -1, -1))
+    return tmp_path / "ball.exr"
+
+
+BALL = ("--probe-layout", "mirror_ball")
+
+
+def test_a_circle_says_where_the_ball_is(photograph):
+    probe = open_probe(parsed(photograph, *BALL, "--probe-circle", *CIRCLE))
+    assert probe.reading == "mirror ball, disc around (30, 21) of radius 14 pixels"
+    assert float(probe.mean_radiance[0]) == 0
+
+
+def test_a_mask_says_where_the_ball_is(photograph):
+    """As well as the circle does, to half a pixel."""
+    mask = photograph.with_name("mask.png")
+    probe = open_probe(parsed(photograph, *BALL, "--probe-mask", mask))
+    circle = open_probe(parsed(photograph, *BALL, "--probe-mask", mask, "--probe-circle", *CIRCLE))
+    assert [float(n) for n in re.findall(r"[0-9.]+", probe.reading)] == pytest.approx(CIRCLE, abs=0.5)
+    assert float(probe.mean_radiance[0]) == float(circle.mean_radiance[0]) == 0
+    torch.testing.assert_close(probe.mean_radiance[1], circle.mean_radiance[1], rtol=0.02, atol=0)
+
+
+def test_the_reflectance_is_divided_out(photograph):
+    whole = open_probe(parsed(photograph, *BALL, "--probe-circle", *CIRCLE))
+    for given, factor in (((0.5,), 2.0), ((1.0, 0.5, 1.0), 2.0)):
+        found = open_probe(parsed(photograph, *BALL, "--probe-circle", *CIRCLE, "--mirror-reflectance", *given))
+        assert float(found.mean_radiance[1] / whole.mean_radiance[1]) == pytest.approx(factor, rel=1e-6)
+
+
+def test_rows_from_pole_to_pole(tmp_path):
+    radiance = torch.rand(3, 8, 16, generator=torch.Generator().manual_seed(0))
+    write_image(tmp_path / "probe.exr", radiance)
+    assert torch.equal(open_probe(parsed(tmp_path / "probe.exr", "--probe-rows", "poles")).radiance, radiance)
+    assert open_probe(parsed(tmp_path / "probe.exr")).reading == "rows at pixel centres"
+    LightProbe(radiance).save(tmp_path / "probe.exr")
+    assert torch.equal(open_probe(parsed(tmp_path / "probe.exr")).radiance, radiance)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--probe-layout", "angular"),
+        ("--probe-rows", "poles"),
+        ("--probe-circle", 8, 8, 8),
+        ("--probe-mask", "mask.png"),
+        ("--mirror-reflectance", 0.5),
+    ],
+)
+def test_the_default_probe_is_no_file(option):
+    with pytest.raises(ValueError, match=f"^{option[0]} is for a probe from a file, and --probe is default$"):
+        open_probe(parsed("default", *option))
+
+
+def test_the_light_of_a_page_is_read_alike_and_named_by_its_options(tmp_path):
+    parser = argparse.ArgumentParser()
+    add_options(parser)
+    picture = torch.rand(3, 8, 16, generator=torch.Generator().manual_seed(0))
+    write_image(tmp_path / "light.exr", picture)
+    write_image(tmp_path / "square.exr", torch.ones(3, 8, 8))
+    given = ["--probe-layout", "mirror_ball", "--probe-circle", "8", "8", "8", "--mirror-reflectance", "0.5", "--light"]
+    found = _other_light(parser.parse_args([*given, str(tmp_path / "light.exr"), "--light-rows", "poles"]))
+    assert torch.equal(found.radiance, picture)
+    with pytest.raises(ValueError, match=r"give --light-layout mirror_ball or --light-layout angular$"):
+        _other_light(parser.parse_args([*given, str(tmp_path / "square.exr")]))
+    with pytest.raises(ValueError, match=r"^--light-rows is for a probe from a file, and --light is default$"):
+        _other_light(parser.parse_args([*given, "default", "--light-rows", "poles"]))
