@@ -303,7 +303,7 @@ def test_missing_files_folders_and_suffixes(tmp_path):
     (tmp_path / "folder.ply").mkdir()
     assert refused(tmp_path / "folder.ply", (ValueError, OSError))
     for name in ("mesh.stl", "mesh", "mesh.ply.gz"):
-        assert ".ply or .obj" in refused(written(tmp_path, name, ply(["0 1 2"])))
+        assert ".ply, .obj, .glb or .gltf" in refused(written(tmp_path, name, ply(["0 1 2"])))
 
 
 def test_damaged_files_by_the_hundred(tmp_path):
