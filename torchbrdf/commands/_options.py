@@ -44,7 +44,7 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
         "--view",
         default="sphere",
         metavar="sphere|NORMALS|MESH",
-        help="sphere (default); a mesh, .ply or .obj; or a normal map, .exr, X Y Z in R G B",
+        help="sphere (default); a mesh, .ply, .obj, .glb or .gltf; or a normal map, X Y Z in R G B, .exr or .png",
     )
     group.add_argument("--fov", type=float, metavar="DEG", help="field of view; default: orthographic")
     for name, text in (

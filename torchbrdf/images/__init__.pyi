@@ -17,3 +17,7 @@ from .image_files import (
     read_metadata as read_metadata,
     write_image as write_image,
 )
+from .vectors import (
+    VECTOR_SUFFIXES as VECTOR_SUFFIXES,
+    read_vectors as read_vectors,
+)

@@ -46,7 +46,10 @@ class _Document:
         text, self._binary = _chunks(content)
         self._folder = folder
         self._buffers: dict[int, bytes] = {}
-        self._json = json.loads(text)  # a JSONDecodeError is a ValueError
+        try:
+            self._json = json.loads(text)
+        except ValueError as error:
+            raise ValueError(f"it holds no sound JSON ({error})") from None
         version = str(self._json["asset"]["version"])
         if not version.startswith("2."):
             raise ValueError(f"it is glTF {version[:10]}; export it as glTF 2.0")

@@ -11,7 +11,7 @@ from torchbrdf.view._polygons import Polygons
 _BLOCK = 1 << 22
 """Bytes that are taken apart at once: lines and words need several times the memory of the file."""
 
-_CONTINUED = re.compile(rb"(?m)^[ ]*(?:vn?|f)[ ][^\\\r\n]*(?:\\[ ]*(?:\r\n?|\n)[^\\\r\n]*)+")
+_CONTINUED = re.compile(rb"(?<![^\r\n])[ ]*(?:vn?|f)[ ][^\\\r\n]*(?:\\[ ]*(?:\r\n?|\n)[^\\\r\n]*)+")
 _LINE_END = re.compile(rb"\\[ ]*(?:\r\n?|\n)")
 
 

@@ -21,6 +21,7 @@ CREASE_ANGLE = radians(60)
 _FARTHEST = 1e30
 _KNOWN = f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}"
 _LOST = "have no area, fewer than three corners, or cross themselves"
+_LOST_ONE = "has no area, fewer than three corners, or crosses itself"
 
 Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Vertices, normals and faces, as in `TriangleMesh`."""
@@ -62,10 +63,10 @@ class TriangleMesh:
         if n_faces == 0:
             reason = f"all of its {n_given} triangles have no area" if n_given else "it has no faces"
             if n_lost and not n_given:
-                reason = f"all of its {n_lost} faces {_LOST}"
+                reason = f"all of its {n_lost} faces {_LOST}" if n_lost > 1 else f"the only face {_LOST_ONE}"
             raise ValueError(f"{path}: {reason}; a shape needs a mesh of triangles, not a point cloud")
         if n_lost:
-            _warn(f"{path}: left out {n_lost} faces that {_LOST}")
+            _warn(f"{path}: left out " + (f"{n_lost} faces that {_LOST}" if n_lost > 1 else f"1 face that {_LOST_ONE}"))
         if n_faces < n_given:
             _warn(f"{path}: left out {n_given - n_faces} of {n_given} triangles, which have no area")
         for reason in sorted({reason for _, reason in parts if reason}):
