@@ -104,7 +104,8 @@ def _ears(face: np.ndarray, points: np.ndarray) -> np.ndarray | None:
     area = np.cross(points[1:-1], points[2:]).sum(0)
     axis = int(np.abs(area).argmax())
     doubled = area[axis]
-    if abs(doubled) <= _SLIVER * (points**2).sum(1).max():
+    smallest = _SLIVER * (points**2).sum(1).max()
+    if abs(doubled) <= smallest:
         return None
     flat = np.ascontiguousarray(points[:, [(axis + 1) % 3, (axis + 2) % 3]])
     ears = triangulate_float64(flat, np.array([len(flat)], np.uint32)).reshape(-1, 3).astype(np.int64)
@@ -114,4 +115,4 @@ def _ears(face: np.ndarray, points: np.ndarray) -> np.ndarray | None:
         return None
     reversed_ = (turns > 0) != (doubled > 0)
     ears[reversed_] = ears[reversed_][:, ::-1]
-    return face[ears]
+    return face[ears[np.abs(turns) > smallest]]
