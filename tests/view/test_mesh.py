@@ -184,6 +184,51 @@ def test_the_unit_of_length_does_not_matter(tmp_path, scale):
     assert mesh.radius == pytest.approx(scale / 2**0.5, rel=1e-5)
 
 
+def test_a_concave_face_has_its_area_in_every_format(tmp_path):
+    """A dart of area 1.3, begun at every corner."""
+    dart = ["0 0 0", "2 0 0", "0.65 0.65 0", "0 2 0"]
+    vertices = "".join(f"v {corner}\n" for corner in dart)
+    for first in range(4):
+        order = [(first + k) % 4 for k in range(4)]
+        face = " ".join(map(str, order))
+        paths = [
+            written(tmp_path, "dart.obj", vertices + "f " + " ".join(str(k + 1) for k in order)),
+            written(tmp_path, "dart.ply", ply([face], dart)),
+            written(tmp_path, "big.ply", binary_ply([face], order="big", corners=dart)),
+        ]
+        for path in paths:
+            triangles = opened(path)[0].vertices.astype(float)[opened(path)[0].faces]
+            areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, 2] / 2
+            assert areas.sum() == pytest.approx(1.3)
+            assert (areas > 0).all()
+
+
+def test_faces_that_cross_themselves_are_left_out_with_their_count(tmp_path):
+    path = written(tmp_path, "bow.obj", OBJ + "f 1 2 3 4\nf 1 2 3\n")
+    mesh, messages = opened(path)
+    assert len(mesh.faces) == 1
+    assert messages[0].startswith(f"{path}: left out 1 face that has no area")
+    path = written(tmp_path, "bow.obj", OBJ + "f 1 2 3 4\n")
+    assert "the only face has no area, fewer than three corners, or crosses itself" in refused(path)
+
+
+def test_vertices_of_no_face_do_not_move_the_frame(tmp_path):
+    mesh, _ = opened(written(tmp_path, "sheet.ply", ply(["0 1 2"], [*CORNERS, "90 0 0"])))
+    np.testing.assert_allclose(mesh.centre, [0.5, 0.5, 0])
+
+
+def test_a_glb_file_is_the_same_mesh(tmp_path):
+    sphere = trimesh.creation.icosphere(subdivisions=1)
+    sphere = trimesh.Trimesh(sphere.vertices, sphere.faces, vertex_normals=sphere.vertices, process=False)
+    scene = trimesh.Scene()
+    scene.add_geometry(sphere, transform=trimesh.transformations.translation_matrix([1, 2, 3]))
+    path = written(tmp_path, "s.glb", trimesh.exchange.gltf.export_glb(scene, include_normals=True))
+    mesh, messages = opened(path)
+    assert not messages
+    np.testing.assert_allclose(mesh.vertices, sphere.vertices + np.array([1, 2, 3]), atol=1e-6)
+    np.testing.assert_allclose(mesh.normals, sphere.vertices, atol=1e-6)
+
+
 # Bad files
 
 
@@ -303,7 +348,7 @@ def test_missing_files_folders_and_suffixes(tmp_path):
     (tmp_path / "folder.ply").mkdir()
     assert refused(tmp_path / "folder.ply", (ValueError, OSError))
     for name in ("mesh.stl", "mesh", "mesh.ply.gz"):
-        assert ".ply or .obj" in refused(written(tmp_path, name, ply(["0 1 2"])))
+        assert ".ply, .obj, .glb or .gltf" in refused(written(tmp_path, name, ply(["0 1 2"])))
 
 
 def test_damaged_files_by_the_hundred(tmp_path):
@@ -314,15 +359,16 @@ def test_damaged_files_by_the_hundred(tmp_path):
         "b.ply": trimesh.exchange.ply.export_ply(sphere, vertex_normal=True),
         "a.ply": trimesh.exchange.ply.export_ply(sphere, encoding="ascii", vertex_normal=True),
         "o.obj": trimesh.exchange.obj.export_obj(sphere, include_normals=True).encode(),
+        "g.glb": trimesh.exchange.gltf.export_glb(trimesh.Scene([sphere]), include_normals=True),
     }
     rng = np.random.default_rng(4)
     wrong = {}
-    for trial in range(360):
-        name = list(seeds)[trial % 3]
+    for trial in range(480):
+        name = list(seeds)[trial % 4]
         content = bytearray(seeds[name])
         for _ in range(rng.integers(1, 5)):
             at = rng.integers(0, len(content) if rng.random() < 0.5 else 400)
-            if trial % 2:
+            if trial // 4 % 2:
                 content[at] = ord(rng.choice(list("0123456789-.e \n")))
             else:
                 content[at : at + 1] = rng.bytes(rng.integers(0, 3))

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.images import read_image, read_mask
+from torchbrdf.images import read_mask, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
@@ -57,6 +57,11 @@ def open_view(options: argparse.Namespace, size: int) -> View:
     if path.suffix.lower() in MESH_SUFFIXES:
         given = {key: getattr(options, key) for key in _CAMERA if getattr(options, key) is not None}
         return MeshView(path, size, Camera(**given, fov_deg=options.fov), shadows=not options.no_shadows)
+    if options.view != "sphere" and path.suffix.lower() not in readable_suffixes():
+        raise ValueError(
+            f"{path}: --view takes sphere, a mesh ({', '.join(MESH_SUFFIXES)}) or a normal map "
+            f"({', '.join(readable_suffixes())}), got {path.suffix or 'no suffix'!r}"
+        )
     for key in (*_CAMERA, "no_shadows"):
         if getattr(options, key) not in (None, False):
             raise ValueError(f"--{key.replace('_', '-')} is for a mesh, and --view is {options.view}")
@@ -64,8 +69,7 @@ def open_view(options: argparse.Namespace, size: int) -> View:
         return SphereView(size, options.fov)
     if options.fov is not None:
         raise ValueError(f"--fov is for a sphere or a mesh, and --view is {options.view}")
-    with about(path):
-        return NormalMapView(read_image(path))
+    return NormalMapView.open(path)
 
 
 def open_table(path: Path) -> MerlTable:

@@ -143,7 +143,7 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
         "--view",
         default="sphere",
         metavar="sphere|NORMALS|MESH",
-        help="sphere (default); a mesh, .ply or .obj; or a normal map, .exr, X Y Z in R G B",
+        help="sphere (default); a mesh, .ply, .obj, .glb or .gltf; or a normal map, X Y Z in R G B, .exr or .png",
     )
     text = "horizontal field of view of the whole picture, as given; default: orthographic"
     group.add_argument("--fov", type=number(0, 180), metavar="DEG", help=text)

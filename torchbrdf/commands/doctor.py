@@ -37,6 +37,7 @@ PACKAGES = {
     "opencv-python-headless": "cv2",
     "safetensors": "safetensors",
     "trimesh": "trimesh",
+    "mapbox-earcut": "mapbox_earcut",
 }
 """Packages that torchbrdf needs, and the module of each."""
 OTHER_OPENCV = ("opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")

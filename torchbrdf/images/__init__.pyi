@@ -32,3 +32,7 @@ from .writing import (
     png_bytes as png_bytes,
     write_image as write_image,
 )
+from .vectors import (
+    VECTOR_SUFFIXES as VECTOR_SUFFIXES,
+    read_vectors as read_vectors,
+)

@@ -30,7 +30,7 @@ _OFFSET = 1e-5
 class MeshView(View):
     """A mesh before a camera.
 
-    path    .ply or .obj file; its axes are those of the light probe
+    path    .ply, .obj, .glb or .gltf file; its axes are those of the light probe
     size    pixels along a side of the square image
     camera  default: orthographic, along -Z, the mesh's bounding sphere touches the borders
     shadows trace whether a point sees the light; without, the shape is lit as if nothing were in the way
