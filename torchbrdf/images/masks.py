@@ -17,8 +17,9 @@ _MOST_LABELS = 16
 _GREY = (0.1, 0.9)
 """Of the brightest: what lies between is neither black nor white."""
 _MUCH_GREY = 0.3
-_MOSTLY_GREY = 0.85
-"""Of all that is not black; a shape with soft edges has less."""
+_FEW_WHITE = 0.3
+"""Of all that is not black; shapes with soft edges have more, photographs less."""
+_SAME_WHITE = 0.03
 _LITTLE_GREY = 0.05
 _OTHER_COLOUR = 0.25
 _MUCH_OF_ANOTHER = 0.02
@@ -65,7 +66,7 @@ def open_mask(path: str | os.PathLike[str], layer: str | None = None) -> Mask:
         return Mask(torch.from_numpy(opaque[None]), "its alpha")
     if not two:
         _check_levels(path, bright * (stored.full_scale or 1))
-        _check_few_greys(path, bright, _GREY[0] * peak if stored.full_scale else least)
+        _check_few_greys(path, bright, marked, _GREY[0] * peak if stored.full_scale else least)
     _check_one_colour(path, colours, marked)
     label = stored.full_scale > 0 and 0 < peak <= 0.5
     return Mask(torch.from_numpy(marked[None]), f"label {round(peak * stored.full_scale)}" if label else "")
@@ -102,14 +103,14 @@ def _check_levels(path: Path, levels: np.ndarray) -> None:
         raise ValueError(f"{path}: marks several things ({which}); write 1 where the shape is, 0 elsewhere")
 
 
-def _check_few_greys(path: Path, bright: np.ndarray, black: float) -> None:
+def _check_few_greys(path: Path, bright: np.ndarray, marked: np.ndarray, black: float) -> None:
     """Raise where values are those of a photograph.
 
     black  above which values are not black: where numbers are exact, the least of them
     """
-    lit = bright > black
-    between = lit & (bright < _GREY[1] * bright.max())
-    if _grey(bright, bright.max()).mean() > _MUCH_GREY or between.sum() > _MOSTLY_GREY * lit.sum():
+    level = float(np.median(bright[marked]))  # JPEG makes edges brighter than the shape
+    white = np.abs(bright - level) <= _SAME_WHITE * level
+    if _grey(bright, level).mean() > _MUCH_GREY or white.sum() < _FEW_WHITE * (bright > black).sum():
         raise ValueError(f"{path}: is no mask, many pixels are neither black nor white; paint the shape white on black")
 
 

@@ -34,10 +34,10 @@ class Primaries:
         """Check that the primaries span a space that holds the white."""
         values = np.array(self.values)
         if not (np.isfinite(values).all() and abs(values).max() < 10 and self.white[1] > 0):
-            raise ValueError(f"chromaticities must be finite, with a white above 0, got {self}")
+            raise ValueError(f"chromaticities must be finite, with a white above 0, got {self.values}")
         flat = abs(np.linalg.det(_xyz(values[:3]))) < 1e-6
         if flat or not (self._strengths() > 0).all() or not (_BRADFORD @ self.white_xyz() > 0).all():
-            raise ValueError(f"these primaries span no colour space around their white: {self}")
+            raise ValueError(f"these primaries span no colour space around their white: {self.values}")
 
     @classmethod
     def of(cls, numbers: tuple[float, ...]) -> Primaries:

@@ -1,5 +1,6 @@
 """Pictures of integers, and the orientation that EXIF data name."""
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -28,7 +29,8 @@ def orientation_of(exif: bytes) -> int:
 
     found = Image.Exif()
     try:
-        found.load(exif)
+        with warnings.catch_warnings(action="ignore"):
+            found.load(exif)
         return int(found.get(_ORIENTATION, 1))
     except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError):
         return 1

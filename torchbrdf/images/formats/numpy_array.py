@@ -24,7 +24,7 @@ def read(path: Path) -> Stored:
     if array.dtype.kind not in "fb":
         raise ValueError(f"{path}: holds values of the type {array.dtype}; write floating-point ones")
     with np.errstate(over="ignore"):
-        planes = np.ascontiguousarray(rows.transpose(2, 0, 1), dtype=np.float32)
+        planes = np.array(rows.transpose(2, 0, 1), dtype=np.float32, order="C")
     return Stored(planes[:3], KIND, alpha=planes[3] if len(planes) > 3 else None)
 
 
@@ -32,7 +32,7 @@ def _rows(path: Path, array: np.ndarray) -> np.ndarray:
     """(H, W, C)."""
     first, last = (array.ndim == 3 and array.shape[axis] in (1, 3, 4) for axis in (0, 2))
     if first and last:
-        raise ValueError(f"{path}: has shape {array.shape}, its first or its last axis could be the channels; crop it")
+        raise ValueError(f"{path}: has shape {array.shape}, whose channels are its first or its last axis; write it as .exr")
     if array.ndim == 2:
         array = array[..., None]
     elif first:

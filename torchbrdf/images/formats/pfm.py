@@ -36,4 +36,4 @@ def read(path: Path) -> Stored:
         raise unreadable(path, KIND)
     stored = np.frombuffer(data, "<f4" if scale < 0 else ">f4", channels * width * height, header.end())
     rows = stored.reshape(height, width, channels)[::-1]
-    return Stored(np.ascontiguousarray(rows.transpose(2, 0, 1), dtype=np.float32), KIND)
+    return Stored(np.array(rows.transpose(2, 0, 1), dtype=np.float32, order="C"), KIND)

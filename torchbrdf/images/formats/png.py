@@ -8,6 +8,7 @@ import numpy as np
 from torchbrdf.images.encodings import LINEAR, SRGB, Transfer
 from torchbrdf.images.formats._colour_profile import colours_of_profile
 from torchbrdf.images.formats._integers import of_integers, orientation_of
+from torchbrdf.images.formats._quiet import quiet_decoders
 from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, unreadable
 from torchbrdf.images.primaries import SPACES, Primaries
 
@@ -32,7 +33,8 @@ def read(path: Path) -> Stored:
     if not 1 <= width * height <= MAX_PIXELS or b"IEND" not in chunks:
         raise unreadable(path, KIND)
     try:
-        pixels = imagecodecs.png_decode(data)
+        with quiet_decoders():
+            pixels = imagecodecs.png_decode(data)
     except (RuntimeError, ValueError, TypeError, MemoryError, OverflowError):
         raise unreadable(path, KIND) from None
     orientation = orientation_of(chunks.get(b"eXIf", b""))

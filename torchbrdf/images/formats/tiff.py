@@ -37,8 +37,8 @@ def read(path: Path) -> Stored:
     try:
         with quiet_decoders(), tifffile.TiffFile(path) as file:
             page = _only_page(file)
-            _check_page(page)
             _check_whole(page, path.stat().st_size)
+            _check_page(page)
             pixels = page.asarray()
             tags = {code: page.tags.valueof(code) for code in (_WHITE_POINT, _CHROMATICITIES, _PROFILE)}
             extra = page.tags.valueof(_EXTRA_SAMPLES)
