@@ -1,6 +1,6 @@
 """Pictures: linear radiance in files and on screens, and how far one picture is from another.
 
-In: OpenEXR, Radiance .hdr and PNG files. Out: `(3, H, W)` float32 tensors of linear RGB, rows from the top, masks
+In: files of the containers in `formats`. Out: `(3, H, W)` float32 tensors of linear RGB, rows from the top, masks
 `(1, H, W)` bool, and files that are whole or absent.
 """
 

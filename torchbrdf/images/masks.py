@@ -10,13 +10,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.images.formats import Stored, read_stored
+from torchbrdf.images.formats import read_stored
 
 _OPAQUE = 0.5
 _MOST_LABELS = 16
 _GREY = (0.1, 0.9)
 """Of the brightest: what lies between is neither black nor white."""
 _MUCH_GREY = 0.3
+_FEW_WHITE = 0.3
+"""Of all that is not black; shapes with soft edges have more, photographs less."""
+_SAME_WHITE = 0.03
 _LITTLE_GREY = 0.05
 _OTHER_COLOUR = 0.25
 _MUCH_OF_ANOTHER = 0.02
@@ -51,55 +54,64 @@ def open_mask(path: str | os.PathLike[str], layer: str | None = None) -> Mask:
     stored = read_stored(path, layer)
     colours = np.nan_to_num(stored.values, nan=0.0, posinf=np.inf, neginf=0.0).clip(0)
     bright = colours.max(axis=0)
-    peak = float(bright.max())
+    peak, least = float(bright.max()), float(bright.min())
     if not np.isfinite(peak):
         raise ValueError(f"{path}: holds infinite values; a mask is white on black")
-    if len(np.unique(bright)) == 2:  # the brighter is the mask, however dim
-        bright = np.where(bright == peak, np.float32(peak), np.float32(0))
-    alpha = _alpha(stored)
-    if alpha is not None:
+    two = ((bright == peak) | (bright == least)).all()
+    marked = bright == peak if two and least < peak else bright > peak / 2
+    if (alpha := stored.telling_alpha) is not None:
         opaque = alpha > _OPAQUE
-        white = opaque & (bright > peak / 2)
-        if _painted(bright[opaque], peak):
-            return Mask(torch.from_numpy(white[None]), "white where it is opaque")
+        if _painted(bright[opaque], marked[opaque], peak):
+            return Mask(torch.from_numpy((opaque & marked)[None]), "white where it is opaque")
         return Mask(torch.from_numpy(opaque[None]), "its alpha")
-    if peak == 0:
-        return Mask(torch.zeros(1, *bright.shape, dtype=torch.bool))
-    _check_labels(path, stored, bright)
-    marked = bright > peak / 2
+    if not two:
+        _check_levels(path, bright * (stored.full_scale or 1))
+        _check_few_greys(path, bright, marked, _GREY[0] * peak if stored.full_scale else least)
     _check_one_colour(path, colours, marked)
-    if _grey_share(bright, peak) > _MUCH_GREY:
-        raise ValueError(f"{path}: is no mask, many pixels are neither black nor white; paint the shape white on black")
-    about = "" if stored.full_scale == 0 or peak > 0.5 else f"label {round(peak * stored.full_scale)}"
-    return Mask(torch.from_numpy(marked[None]), about)
+    label = stored.full_scale > 0 and 0 < peak <= 0.5
+    return Mask(torch.from_numpy(marked[None]), f"label {round(peak * stored.full_scale)}" if label else "")
 
 
-def _alpha(stored: Stored) -> np.ndarray | None:
-    """Alpha, where it tells one pixel from another."""
-    return None if stored.alpha is None or stored.alpha.min() == stored.alpha.max() else stored.alpha
-
-
-def _grey_share(values: np.ndarray, peak: float) -> float:
-    """How many values lie between black and white."""
+def _grey(values: np.ndarray, peak: float) -> np.ndarray:
+    """Which values lie between black and white."""
     low, high = _GREY
-    return float(((values > low * peak) & (values < high * peak)).mean())
+    return (values > low * peak) & (values < high * peak)
 
 
-def _painted(values: np.ndarray, peak: float) -> bool:
-    """Whether values are white on black themselves, and not those of a photograph."""
-    if not values.size or not peak:
-        return False
-    share = float((values > peak / 2).mean())
-    return _LITTLE_GREY < share < 1 - _LITTLE_GREY and _grey_share(values, peak) < _LITTLE_GREY
+def _painted(values: np.ndarray, marked: np.ndarray, peak: float) -> bool:
+    """Whether values are white, where marked, on black themselves, and not those of a photograph."""
+    share = float(marked.mean()) if marked.size else 0.0
+    return _LITTLE_GREY < share < 1 - _LITTLE_GREY and float(_grey(values, peak).mean()) < _LITTLE_GREY
 
 
-def _check_labels(path: Path, stored: Stored, bright: np.ndarray) -> None:
-    """Raise where small integers name several things."""
-    if not stored.full_scale or bright.max() * stored.full_scale > _MOST_LABELS:
+def _check_levels(path: Path, levels: np.ndarray) -> None:
+    """Raise where a few numbers name several things: small ones, or areas between the darkest and the brightest.
+
+    The edges of a smoothed shape have numbers between, but no areas.
+    """
+    found = np.unique(levels[:: max(1, len(levels) // 64)])
+    if len(found) > _MOST_LABELS or len(found := np.unique(levels)) > _MOST_LABELS:
         return
-    labels = np.unique(np.rint(bright * stored.full_scale).astype(int)).tolist()
-    if len(labels) > 2:
-        raise ValueError(f"{path}: holds labels {', '.join(map(str, labels))}; write 1 where the shape is, 0 elsewhere")
+    inner = levels[1:-1, 1:-1]
+    rows, columns = levels.shape
+    same = np.ones(inner.shape, dtype=bool)
+    for row, column in np.ndindex(3, 3):
+        same &= levels[row : rows - 2 + row, column : columns - 2 + column] == inner
+    areas = set(np.unique(inner[same]).tolist()) - {found[0], found[-1]}
+    if areas or (found[-1] <= _MOST_LABELS and (found == found.round()).all()):
+        which = ", ".join(f"{level:g}" for level in found)
+        raise ValueError(f"{path}: marks several things ({which}); write 1 where the shape is, 0 elsewhere")
+
+
+def _check_few_greys(path: Path, bright: np.ndarray, marked: np.ndarray, black: float) -> None:
+    """Raise where values are those of a photograph.
+
+    black  above which values are not black: where numbers are exact, the least of them
+    """
+    level = float(np.median(bright[marked]))  # JPEG makes edges brighter than the shape
+    white = np.abs(bright - level) <= _SAME_WHITE * level
+    if _grey(bright, level).mean() > _MUCH_GREY or white.sum() < _FEW_WHITE * (bright > black).sum():
+        raise ValueError(f"{path}: is no mask, many pixels are neither black nor white; paint the shape white on black")
 
 
 def _check_one_colour(path: Path, colours: np.ndarray, marked: np.ndarray) -> None:

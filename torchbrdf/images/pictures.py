@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from torchbrdf.files import existing_file
-from torchbrdf.images.encodings import DECODERS
+from torchbrdf.images.encodings import DECODERS, LINEAR, Transfer
 from torchbrdf.images.formats import Stored, Window, read_headers, read_stored
-from torchbrdf.images.primaries import SPACES, conversion
+from torchbrdf.images.primaries import SPACES, Primaries, conversion
 from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, Encoding
 
 OWN_KEYS = (
@@ -78,48 +78,48 @@ def read_picture(
     stored = read_stored(path, layer)
     if len(stored.values) != 3:
         raise ValueError(f"{path}: expected R, G, B channels, got one of grey")
-    about = [stored.about] if stored.about else []
-    values, how = _linear(path, stored, allow_ldr, encoding)
-    about += how
-    values, how = _converted(stored, values, primaries)
-    about += how
-    alpha = stored.alpha
-    if alpha is not None and alpha.min() == alpha.max():
-        alpha = None
+    transfer, space = stored.colours()
+    values, decoded = _linear(path, stored, transfer, allow_ldr, encoding)
+    values, converted = _converted(values, space or SPACES[DEFAULT_SPACE], primaries)
+    alpha = stored.telling_alpha
     return Picture(
         torch.from_numpy(values),
         None if alpha is None else torch.from_numpy(alpha[None]),
         stored.window,
-        tuple(about),
+        tuple(filter(None, (stored.about, decoded, *converted))),
     )
 
 
 def _linear(
-    path: Path, stored: Stored, allow_ldr: bool | None, encoding: Encoding | None
-) -> tuple[np.ndarray, list[str]]:
+    path: Path, stored: Stored, transfer: Transfer | None, allow_ldr: bool | None, encoding: Encoding | None
+) -> tuple[np.ndarray, str]:
     """Decoded values, and how."""
-    transfer = stored.transfer
+    if encoding is not None and encoding not in get_args(Encoding):
+        raise ValueError(f"encoding must be one of {', '.join(get_args(Encoding))}, got {encoding!r}")
     if not stored.full_scale:
-        if transfer is not None and np.abs(transfer.decode(np.linspace(0, 1, 9)) - np.linspace(0, 1, 9)).max() > 1e-3:
-            raise ValueError(f"{path}: its floating-point values follow a curve ({transfer.name}); export them linear")
-        return stored.values, []
+        if encoding not in (None, "linear"):
+            raise ValueError(f"{path}: its values are floating-point and taken as linear; leave --encoding out")
+        if transfer not in (None, LINEAR) and encoding is None:
+            raise ValueError(
+                f"{path}: its profile names a curve ({transfer.name}) for its floating-point values; export it linear, "
+                'or pass --encoding linear (encoding="linear" in Python) where it is'
+            )
+        return stored.values, ""
     if encoding is not None:
-        if encoding not in get_args(Encoding):
-            raise ValueError(f"encoding must be one of {', '.join(get_args(Encoding))}, got {encoding!r}")
         transfer = DECODERS[encoding]
     elif not allow_ldr:
         how = f"as it says ({transfer.name})" if transfer else "with gamma 2.2"
         cure = "" if allow_ldr is None else f", or pass --allow-ldr (allow_ldr=True in Python) to decode it {how}"
         raise ValueError(f"{path}: {stored.kind} is not linear HDR; give an .exr or .hdr image{cure}")
     transfer = transfer or DECODERS["gamma2.2"]
-    return transfer.decode(stored.values).astype(np.float32), [f"{stored.kind} decoded with {transfer.name}"]
+    return transfer.decode(stored.values).astype(np.float32), f"{stored.kind} decoded with {transfer.name}"
 
 
-def _converted(stored: Stored, values: np.ndarray, wanted: ColourSpace) -> tuple[np.ndarray, list[str]]:
+def _converted(values: np.ndarray, source: Primaries, wanted: ColourSpace) -> tuple[np.ndarray, list[str]]:
     """Values in another space, and what was done: which it was, and how many pixels lie outside the new one."""
     if wanted not in SPACES:
         raise ValueError(f"primaries must be one of {', '.join(SPACES)}, got {wanted!r}")
-    source, target = stored.primaries or SPACES[DEFAULT_SPACE], SPACES[wanted]
+    target = SPACES[wanted]
     if source.agrees(target):
         return values, []
     finite = np.isfinite(values).all(axis=0)

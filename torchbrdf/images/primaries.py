@@ -8,8 +8,9 @@ import numpy as np
 
 from torchbrdf.images.settings import ColourSpace
 
-_SAME = 1e-3
-"""Chromaticities closer than this are the same: files round them to three digits, and D65 differs in the fourth."""
+_SAME = 3e-3
+"""Conversions closer than this to none are none: files round chromaticities to three digits, D65 varies in the fourth,
+and a profile names them as adapted to D50."""
 
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 """From XYZ to the cone responses in which whites are adapted [Lam85]."""
@@ -33,9 +34,10 @@ class Primaries:
         """Check that the primaries span a space that holds the white."""
         values = np.array(self.values)
         if not (np.isfinite(values).all() and abs(values).max() < 10 and self.white[1] > 0):
-            raise ValueError(f"chromaticities must be finite, with a white above 0, got {self}")
-        if abs(np.linalg.det(_xyz(values[:3]))) < 1e-6 or not (self._strengths() > 0).all():
-            raise ValueError(f"these primaries span no colour space around their white: {self}")
+            raise ValueError(f"chromaticities must be finite, with a white above 0, got {self.values}")
+        flat = abs(np.linalg.det(_xyz(values[:3]))) < 1e-6
+        if flat or not (self._strengths() > 0).all() or not (_BRADFORD @ self.white_xyz() > 0).all():
+            raise ValueError(f"these primaries span no colour space around their white: {self.values}")
 
     @classmethod
     def of(cls, numbers: tuple[float, ...]) -> Primaries:
@@ -56,8 +58,8 @@ class Primaries:
         return self.red, self.green, self.blue, self.white
 
     def agrees(self, other: Primaries) -> bool:
-        """Whether both are the same space, up to the rounding of files."""
-        return bool(np.abs(np.array(self.values) - np.array(other.values)).max() < _SAME)
+        """Whether both give the same numbers for the same colours, up to the rounding of files."""
+        return bool(np.abs(conversion(self, other) - np.eye(3)).max() < _SAME)
 
     def to_xyz(self) -> np.ndarray:
         """(3, 3) float64: from RGB to CIE XYZ with Y = 1 for the white."""

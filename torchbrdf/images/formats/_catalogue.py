@@ -8,6 +8,7 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 from torchbrdf.files import existing_file
+from torchbrdf.images.formats import openexr
 from torchbrdf.images.formats._stored import Stored
 
 
@@ -17,20 +18,33 @@ def read_stored(path: Path, layer: str | None = None, vectors: bool = False) -> 
     layer    which of several pictures of an OpenEXR file
     vectors  prefer its channels X, Y, Z
     """
-    module = _by_suffix().get(path.suffix.lower())
+    suffix = path.suffix.lower()
+    module = _by_suffix().get(suffix)
     if module is None:
         if not path.exists():
             existing_file(path, "an image")
         known = ", ".join(sorted(_by_suffix(), key=lambda suffix: (suffix not in (".exr", ".hdr"), suffix)))
         raise ValueError(f"{path}: image suffix {path.suffix!r} is not supported; use {known}")
-    existing_file(path, f"an image ({path.suffix.lower()})")
-    if module.__name__.endswith(".openexr"):
-        stored: Stored = module.read(path, layer, vectors)
-        return stored
+    existing_file(path, f"an image ({suffix})")
+    _check_signature(path, module)
+    if module is openexr:
+        return openexr.read(path, layer, vectors)
     if layer is not None:
         raise ValueError(f"{path}: --layer is for .exr files with several pictures; leave it out")
-    stored = module.read(path)
+    stored: Stored = module.read(path)
     return stored
+
+
+def _check_signature(path: Path, module: ModuleType) -> None:
+    """Raise where a file begins as those of another container do."""
+    with open(path, "rb") as file:
+        beginning = file.read(16)
+    if beginning.startswith(module.SIGNATURES):
+        return
+    for other in set(_by_suffix().values()):
+        if beginning.startswith(other.SIGNATURES):
+            name = path.with_suffix(other.SUFFIXES[0]).name
+            raise ValueError(f"{path}: is a {other.KIND} file, not {module.KIND}; name it {name}")
 
 
 @cache

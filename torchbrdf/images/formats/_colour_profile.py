@@ -1,29 +1,28 @@
-"""ICC profiles of RGB: three primaries and a curve, read as [ICC.1:2022] defines them."""
+"""ICC profiles of RGB: three primaries and a curve, read as [ICC22] defines them."""
 
 from pathlib import Path
 
 import numpy as np
 
-from torchbrdf.images.encodings import LINEAR, Transfer
+from torchbrdf.images.encodings import LINEAR, SRGB, Transfer
+from torchbrdf.images.formats._stored import Colours
 from torchbrdf.images.primaries import Primaries
 
 _HEADER_BYTES = 128
 _D50 = (0.3457, 0.3585)
 """To which the primaries of all profiles are adapted."""
+_SAME = 1e-3
+_RAMP = np.linspace(0, 1, 65)
 
 
-def colours_of_profile(path: Path, profile: bytes) -> tuple[Transfer, Primaries]:
+def colours_of_profile(path: Path, profile: bytes) -> Colours:
     """How values are encoded, and their colour space; raises ValueError for profiles that are no matrix and curves."""
     try:
         tags = _tags(profile)
-        curves = [_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")]
-        columns = [np.frombuffer(tags[name][8:20], ">i4") / 65536 for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
-        red, green, blue = ((float(x / (x + y + z)), float(y / (x + y + z))) for x, y, z in columns)
-        ramp = np.linspace(0, 1, 33)
-        if any(np.abs(curve.decode(ramp) - curves[0].decode(ramp)).max() > 1e-3 for curve in curves):
-            raise ValueError("curves differ")
-        return curves[0], Primaries(red, green, blue, _D50)
-    except (ValueError, KeyError, IndexError, ZeroDivisionError, FloatingPointError):
+        red, green, blue = (_chromaticity(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ"))
+        curve = _common_curve([tags[name] for name in (b"rTRC", b"gTRC", b"bTRC")])
+        return Colours(curve, Primaries(red, green, blue, _D50))
+    except (ValueError, LookupError, ArithmeticError):
         raise ValueError(
             f"{path}: its colour profile (ICC) is not three primaries and one curve; export it as sRGB, or linear"
         ) from None
@@ -37,6 +36,25 @@ def _tags(profile: bytes) -> dict[bytes, bytes]:
     entries = [table[12 * i : 12 * i + 12] for i in range(count)]
     places = {e[:4]: (int.from_bytes(e[4:8], "big"), int.from_bytes(e[8:12], "big")) for e in entries}
     return {name: profile[offset : offset + size] for name, (offset, size) in places.items()}
+
+
+def _chromaticity(tag: bytes) -> tuple[float, float]:
+    x, y, z = (np.frombuffer(tag[8:20], ">i4") / 65536).tolist()
+    return x / (x + y + z), y / (x + y + z)
+
+
+def _common_curve(tags: list[bytes]) -> Transfer:
+    """The curve of all channels: a known one where it is that."""
+    curves = [_curve(tag) for tag in tags]
+    with np.errstate(all="ignore"):
+        red, green, blue = (curve.decode(_RAMP) for curve in curves)
+    if not (_agree(red, green) and _agree(red, blue)):
+        raise ValueError("curves differ")
+    return next((known for known in (LINEAR, SRGB) if _agree(red, known.decode(_RAMP))), curves[0])
+
+
+def _agree(values: np.ndarray, others: np.ndarray) -> bool:
+    return bool(np.abs(values - others).max() < _SAME)
 
 
 def _curve(tag: bytes) -> Transfer:
@@ -55,7 +73,7 @@ def _curve(tag: bytes) -> Transfer:
     if tag[:4] != b"para":
         raise ValueError("unknown curve")
     kind = int.from_bytes(tag[8:10], "big")
-    g, a, b, c, d, e, f = _parameters(kind, np.frombuffer(tag[12:40], ">i4") / 65536)
+    g, a, b, c, d, e, f = _parameters(kind, (np.frombuffer(tag[12:40], ">i4") / 65536).tolist())
     if kind == 0:
         return Transfer.power(g)
     return Transfer(
@@ -64,9 +82,9 @@ def _curve(tag: bytes) -> Transfer:
     )
 
 
-def _parameters(kind: int, numbers: np.ndarray) -> tuple[float, ...]:
+def _parameters(kind: int, numbers: list[float]) -> tuple[float, ...]:
     """(a v + b)^g + e from d on, c v + f below, for the kinds of parametric curves."""
-    n = numbers.tolist()
+    n = numbers
     if kind == 0:
         return n[0], 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if kind == 1:

@@ -1,44 +1,26 @@
-"""Pictures of 8 or 16 bits: decoding by OpenCV, and the orientation that EXIF data name."""
+"""Pictures of integers, and the orientation that EXIF data name."""
 
-from pathlib import Path
+import warnings
+from collections.abc import Callable
 
 import numpy as np
 
-from torchbrdf.images.encodings import Transfer
-from torchbrdf.images.formats._quiet import quiet_decoders
-from torchbrdf.images.formats._stored import Stored, unreadable
-from torchbrdf.images.primaries import Primaries
+from torchbrdf.images.formats._stored import Colours, Stored
+
+_ORIENTATION = 0x0112
 
 
-def decoded(path: Path, data: bytes, kind: str, transfer: Transfer | None, primaries: Primaries | None) -> Stored:
-    """What a PNG or JPEG file holds, as it lies there; raises ValueError where it is damaged."""
-    import cv2
+def of_integers(pixels: np.ndarray, kind: str, colours: Callable[[], Colours] = Colours, bits: int = 0) -> Stored:
+    """From (H, W) or (H, W, C) unsigned integers: grey or R, G, B, and perhaps alpha.
 
-    try:
-        with quiet_decoders():
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        pixels = None
-    if pixels is None or pixels.dtype.name not in ("uint8", "uint16"):
-        raise unreadable(path, kind)
-    if pixels.ndim == 3:
-        pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
-    return of_integers(pixels, kind, transfer, primaries)
-
-
-def of_integers(pixels: np.ndarray, kind: str, transfer: Transfer | None, primaries: Primaries | None) -> Stored:
-    """From (H, W) or (H, W, C) unsigned integers: grey or R, G, B, and perhaps alpha."""
-    full_scale = int(np.iinfo(pixels.dtype).max)
-    planes = np.atleast_3d(pixels).transpose(2, 0, 1).astype(np.float32) / np.float32(full_scale)
+    bits  of which the numbers are made; 0 for all that their type has
+    """
+    bits = bits or 8 * pixels.dtype.itemsize
+    full_scale = (1 << bits) - 1
+    planes = np.atleast_3d(pixels).transpose(2, 0, 1).astype(np.float32, order="C") / np.float32(full_scale)
     count = 3 if len(planes) >= 3 else 1
-    return Stored(
-        np.ascontiguousarray(planes[:count]),
-        f"{8 * pixels.dtype.itemsize}-bit {kind}",
-        alpha=np.ascontiguousarray(planes[count]) if len(planes) > count else None,
-        full_scale=full_scale,
-        transfer=transfer,
-        primaries=primaries,
-    )
+    alpha = planes[count] if len(planes) > count else None
+    return Stored(planes[:count], f"{bits}-bit {kind}", alpha=alpha, full_scale=full_scale, colours=colours)
 
 
 def orientation_of(exif: bytes) -> int:
@@ -47,7 +29,8 @@ def orientation_of(exif: bytes) -> int:
 
     found = Image.Exif()
     try:
-        found.load(exif)
-        return int(found.get(0x0112, 1))
-    except (OSError, ValueError, SyntaxError, LookupError, TypeError):
+        with warnings.catch_warnings(action="ignore"):
+            found.load(exif)
+        return int(found.get(_ORIENTATION, 1))
+    except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError):
         return 1

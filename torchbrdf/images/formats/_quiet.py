@@ -8,11 +8,11 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def quiet_decoders() -> Iterator[None]:
-    """Drop what OpenEXR and OpenCV print about a bad file (from C, to descriptor 2): we raise one line."""
+    """Drop what OpenEXR, libpng and tifffile print about a bad file, also from C, to descriptor 2: we raise one line."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
-        with open(os.devnull, "w") as sink, contextlib.redirect_stdout(sink):
+        with open(os.devnull, "w") as sink, contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink):
             os.dup2(sink.fileno(), 2)
             yield
     finally:

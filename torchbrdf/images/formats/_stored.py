@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -31,6 +32,13 @@ class Window(NamedTuple):
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
 
+class Colours(NamedTuple):
+    """What a file says of its colours: how values are decoded, and their space; None where it does not say."""
+
+    transfer: Transfer | None = None
+    primaries: Primaries | None = None
+
+
 @dataclass(frozen=True)
 class Stored:
     """What a file holds.
@@ -39,8 +47,8 @@ class Stored:
     kind        what messages call the file, such as "8-bit PNG"
     alpha       (H, W) float32 in [0, 1]; None where there is none
     full_scale  of integers; 0 where the values are floating-point, and linear
-    transfer    how the file says that its integers are decoded; None where it does not say
-    primaries   the colour space that the file names; None where it names none
+    colours     gives what the file says of its colours; raises ValueError where that is not understood. Masks and
+                vectors do not ask
     window      the part of the picture that was recorded; None for all of it. The values beside it are NaN
     about       what was chosen among what the file holds, for people; empty where there was no choice
     """
@@ -49,10 +57,17 @@ class Stored:
     kind: str
     alpha: np.ndarray | None = None
     full_scale: int = 0
-    transfer: Transfer | None = None
-    primaries: Primaries | None = None
+    colours: Callable[[], Colours] = Colours
     window: Window | None = None
     about: str = ""
+
+    @property
+    def telling_alpha(self) -> np.ndarray | None:
+        """Alpha, where it tells one recorded pixel from another."""
+        if self.alpha is None:
+            return None
+        recorded = self.alpha if self.window is None else self.alpha[self.window.slices]
+        return None if recorded.min() == recorded.max() else self.alpha
 
     def turned(self, orientation: int) -> Stored:
         """Upright, by the EXIF orientation 1 to 8 in which it is stored; others count as 1."""
@@ -61,7 +76,7 @@ class Stored:
 
 
 def _upright(values: np.ndarray, orientation: int) -> np.ndarray:
-    """Values (..., H, W) whose first row is the top, right, bottom or left of the picture [EXIF 2.3, 4.6.4 A]."""
+    """Values (..., H, W) whose first row is the top, right, bottom or left of the picture [TIFF6, section 8]."""
     if orientation in (5, 6, 7, 8):
         values = values.swapaxes(-1, -2)
     if orientation in (3, 4, 7, 8):

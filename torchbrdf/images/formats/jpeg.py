@@ -1,29 +1,37 @@
 """JPEG: eight bits, by convention sRGB where no profile says otherwise."""
 
-import io
+import warnings
 from pathlib import Path
+
+import numpy as np
 
 from torchbrdf.images.encodings import SRGB
 from torchbrdf.images.formats._colour_profile import colours_of_profile
-from torchbrdf.images.formats._integers import decoded, orientation_of
-from torchbrdf.images.formats._stored import Stored, unreadable
+from torchbrdf.images.formats._integers import of_integers, orientation_of
+from torchbrdf.images.formats._stored import Colours, Stored, unreadable
 from torchbrdf.images.primaries import SPACES
 
+KIND = "JPEG"
 SUFFIXES = (".jpg", ".jpeg")
-
-_ERRORS = (OSError, ValueError, SyntaxError, LookupError, TypeError)
-"""What Pillow raises for damaged files."""
+SIGNATURES = (b"\xff\xd8\xff",)
 
 
 def read(path: Path) -> Stored:
-    """Values over their full scale; raises ValueError for damaged files and encodings that are not known."""
+    """Values over their full scale; raises ValueError for damaged files, and for colours that are no grey or RGB."""
     from PIL import Image
 
-    data = path.read_bytes()
     try:
-        with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
-            exif, profile = image.info.get("exif", b""), image.info.get("icc_profile")
-    except _ERRORS:
-        raise unreadable(path, "JPEG") from None
-    transfer, primaries = colours_of_profile(path, profile) if profile else (SRGB, SPACES["rec709"])
-    return decoded(path, data, "JPEG", transfer, primaries).turned(orientation_of(exif))
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=["JPEG"]) as image:
+            exif, profile, mode = image.info.get("exif", b""), image.info.get("icc_profile"), image.mode
+            pixels = np.asarray(image)
+    except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError, MemoryError):
+        raise unreadable(path, KIND) from None
+    except Image.DecompressionBombError:
+        raise unreadable(path, KIND, "too large") from None
+    if mode not in ("L", "RGB"):
+        raise ValueError(f"{path}: holds {mode} colours; export it as RGB")
+
+    def colours() -> Colours:
+        return colours_of_profile(path, profile) if profile else Colours(SRGB, SPACES["rec709"])
+
+    return of_integers(pixels, KIND, colours).turned(orientation_of(exif))

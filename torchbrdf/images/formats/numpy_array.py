@@ -1,33 +1,54 @@
-"""NumPy arrays, `.npy`: (H, W, 3), or (3, H, W) as PyTorch has them."""
+"""NumPy arrays, `.npy`: (H, W), (H, W, 3), or (3, H, W) as PyTorch has them."""
 
 from pathlib import Path
 
 import numpy as np
 
+from torchbrdf.images.formats._integers import of_integers
 from torchbrdf.images.formats._stored import MAX_PIXELS, Stored, unreadable
 
+KIND = "NumPy array"
 SUFFIXES = (".npy",)
-
-_KIND = "NumPy .npy"
+SIGNATURES = (b"\x93NUMPY",)
 
 
 def read(path: Path) -> Stored:
-    """Floating-point values; raises ValueError for other arrays, and where two axes could be that of the channels."""
+    """Floating-point values, or integers; raises ValueError where two axes could be that of the channels."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError, SyntaxError, TypeError, OverflowError, MemoryError):
-        raise unreadable(path, _KIND) from None
+    except (ValueError, OSError, EOFError, SyntaxError, TypeError, OverflowError, MemoryError, UnicodeError):
+        raise unreadable(path, KIND) from None
+    rows = _rows(path, array)
+    if array.dtype.kind in "ui":
+        return of_integers(_narrowed(path, rows), KIND)
     if array.dtype.kind not in "fb":
-        raise ValueError(f"{path}: holds {array.dtype} values; a picture needs linear floating-point ones")
+        raise ValueError(f"{path}: holds values of the type {array.dtype}; write floating-point ones")
+    with np.errstate(over="ignore"):
+        planes = np.array(rows.transpose(2, 0, 1), dtype=np.float32, order="C")
+    return Stored(planes[:3], KIND, alpha=planes[3] if len(planes) > 3 else None)
+
+
+def _rows(path: Path, array: np.ndarray) -> np.ndarray:
+    """(H, W, C)."""
     first, last = (array.ndim == 3 and array.shape[axis] in (1, 3, 4) for axis in (0, 2))
+    if first and last:
+        raise ValueError(f"{path}: has shape {array.shape}, whose channels are its first or its last axis; write it as .exr")
     if array.ndim == 2:
-        planes = array[None]
-    elif first != last:
-        planes = array if first else array.transpose(2, 0, 1)
-    else:
-        raise ValueError(f"{path}: has shape {array.shape}; a picture needs (H, W, 3) or (3, H, W)")
-    if not 1 <= planes[0].size <= MAX_PIXELS:
-        raise unreadable(path, _KIND)
-    count = min(len(planes), 3)
-    values = np.array(planes, dtype=np.float32)
-    return Stored(values[:count], _KIND, alpha=values[3] if len(values) > 3 else None)
+        array = array[..., None]
+    elif first:
+        array = array.transpose(1, 2, 0)
+    elif not last:
+        raise ValueError(f"{path}: has shape {array.shape}; a picture needs (H, W, 3) or (3, H, W), a mask (H, W)")
+    if not 1 <= array[..., 0].size <= MAX_PIXELS:
+        raise unreadable(path, KIND, f"shape {array.shape}")
+    return array
+
+
+def _narrowed(path: Path, array: np.ndarray) -> np.ndarray:
+    """Integers as 8 or 16 unsigned bits: wider ones as 8 where they fit, as labels do."""
+    if array.dtype.kind == "u" and array.dtype.itemsize <= 2:
+        return array
+    if array.min() < 0 or array.max() > 255:
+        ends = f"{array.dtype} values from {array.min()} to {array.max()}"
+        raise ValueError(f"{path}: holds {ends}; write floating-point ones, or uint16")
+    return array.astype(np.uint8)

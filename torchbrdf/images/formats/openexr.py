@@ -1,4 +1,4 @@
-"""OpenEXR: one RGB picture among the parts, layers and channels of a file, placed in its display window [Kai24]."""
+"""OpenEXR: one RGB picture among the parts, layers and channels of a file, placed in its display window [EXR]."""
 
 from __future__ import annotations
 
@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 
 from torchbrdf.images.formats._quiet import quiet_decoders
-from torchbrdf.images.formats._stored import MAX_PIXELS, Stored, Window, check_pixel_aspect, unreadable
+from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, Window, check_pixel_aspect, unreadable
 from torchbrdf.images.primaries import Primaries
 
+KIND = "OpenEXR"
 SUFFIXES = (".exr",)
+SIGNATURES = (b"\x76\x2f\x31\x01",)
 
-ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+_ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 """What the library raises for damaged files."""
 
-_KIND = "OpenEXR"
-_COLOURS = {"r": "R", "red": "R", "g": "G", "green": "G", "b": "B", "blue": "B", "a": "A", "alpha": "A"}
-_VECTORS = {"x": "X", "y": "Y", "z": "Z"}
+_CASES = (str.lower, str.title, str.upper)
+_COLOURS = (("R", "G", "B"), ("r", "g", "b"), *((case("red"), case("green"), case("blue")) for case in _CASES))
+_VECTORS = (("X", "Y", "Z"), ("x", "y", "z"))
+"""How programs name channels that belong together."""
+_ALPHAS = ("A", "a", *(case("alpha") for case in _CASES))
 
 
 @dataclass(frozen=True)
@@ -39,9 +43,9 @@ class _Layer:
     alpha: str | None = None
 
     @property
-    def unnamed(self) -> bool:
+    def plain(self) -> bool:
         """Whether its channels stand under the names that every reader looks for."""
-        return self.channels == ("R", "G", "B")
+        return self.channels in (_COLOURS[0], _VECTORS[0])
 
 
 def read(path: Path, layer: str | None = None, vectors: bool = False) -> Stored:
@@ -62,11 +66,11 @@ def read(path: Path, layer: str | None = None, vectors: bool = False) -> Stored:
     alpha = np.nan_to_num(placed[count], nan=0.0) if chosen.alpha else None
     return Stored(
         placed[:count],
-        _KIND,
+        KIND,
         alpha=alpha,
-        primaries=_primaries(path, header),
+        colours=lambda: _colours(path, header),
         window=recorded,
-        about="" if chosen.part == 0 and (chosen.unnamed or count == 1) else f"layer {chosen.label}",
+        about="" if chosen.part == 0 and (chosen.plain or count == 1) else f"layer {chosen.label}",
     )
 
 
@@ -77,56 +81,67 @@ def read_headers(path: Path) -> list[dict[str, Any]]:
     try:
         with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             return [dict(part.header) for part in file.parts]
-    except ERRORS:
-        raise unreadable(path, _KIND) from None
+    except _ERRORS:
+        raise unreadable(path, KIND) from None
 
 
 def _chosen(path: Path, headers: Sequence[Mapping[str, Any]], label: str | None, vectors: bool) -> _Layer:
     flat = [i for i, header in enumerate(headers) if "deep" not in str(header.get("type"))]
     if not flat:
         raise ValueError(f"{path}: is a deep image, many samples in each pixel; flatten it where it was made")
-    colours = [one for i in flat for one in _layers(i, headers, _COLOURS, "RGB")]
-    fields = [one for i in flat for one in _layers(i, headers, _VECTORS, "XYZ")]
-    found = fields if vectors and fields else colours
+    colours, fields = ([one for i in flat for one in _layers(i, headers, names)] for names in (_COLOURS, _VECTORS))
     if label is not None:
-        named = [one for one in found if one.label.casefold() == label.casefold()]
-        if named:
-            return named[0]
-        raise ValueError(f"{path}: has no layer {label!r}; it has {_listed(found) or 'none with R, G, B'}")
+        return _named(path, [*(fields if vectors else ()), *colours], label)
+    found = fields if vectors and fields else colours
     if len(found) == 1:
         return found[0]
-    plain = [one for one in found if one.unnamed]
+    plain = [one for one in found if one.plain]
     if len(plain) == 1 and plain[0].part == flat[0]:
         return plain[0]
     if found:
         which = _listed(found)
         raise ValueError(f"{path}: holds several pictures; choose one: --layer NAME (layer= in Python) of {which}")
-    names = [channel.name for i in flat for channel in headers[i].get("channels", ())]
-    if len(names) == 1 or sorted(names) == ["A", "Y"]:
-        return _Layer(names[-1], flat[0], (names[-1],), "A" if len(names) > 1 else None)
+    names = sorted(name for i in flat for name in _names(headers[i]))
+    greys = [name for name in names if name != "A"] or names
+    if len(flat) == len(greys) == 1:
+        return _Layer(greys[0], flat[0], tuple(greys), "A" if len(names) > 1 else None)
     if {"Y", "RY", "BY"} <= set(names):
         raise ValueError(f"{path}: is a luminance/chroma image (Y, RY, BY); write it as R, G, B")
     what = "; X, Y, Z may be vectors or CIE XYZ: write R, G, B" if fields else ""
-    raise ValueError(f"{path}: expected R, G, B channels, got {sorted(names)}{what}")
+    raise ValueError(f"{path}: expected R, G, B channels, got {names}{what}")
+
+
+def _named(path: Path, layers: Sequence[_Layer], label: str) -> _Layer:
+    """The layer of this label, in these letters or else in capitals or small ones."""
+    for written in (str, str.casefold):
+        for layer in layers:
+            if written(layer.label) == written(label):
+                return layer
+    raise ValueError(f"{path}: has no layer {label!r}; it has {_listed(layers) or 'none with R, G, B'}")
 
 
 def _listed(layers: Sequence[_Layer]) -> str:
     return ", ".join(one.label for one in layers)
 
 
-def _layers(part: int, headers: Sequence[Mapping[str, Any]], names: Mapping[str, str], wanted: str) -> list[_Layer]:
-    """All sets of the channels that are wanted, in one part."""
-    found: dict[str, dict[str, str]] = {}
-    for channel in headers[part].get("channels", ()):
-        prefix, _, last = channel.name.rpartition(".")
-        if last.lower() in names:
-            found.setdefault(prefix, {}).setdefault(names[last.lower()], channel.name)
+def _names(header: Mapping[str, Any]) -> list[str]:
+    return [channel.name for channel in header.get("channels", ())]
+
+
+def _layers(part: int, headers: Sequence[Mapping[str, Any]], wanted: Sequence[tuple[str, ...]]) -> list[_Layer]:
+    """All sets of channels that are named so, in one part, with a prefix or without."""
+    names = dict.fromkeys(_names(headers[part]))
+    prefixes = dict.fromkeys(name[: name.rfind(".") + 1] for name in names)
     of_part = str(headers[part].get("name", part)) if len(headers) > 1 else ""
-    return [
-        _Layer(".".join(filter(None, (of_part, prefix))) or wanted, part, tuple(own[c] for c in wanted), own.get("A"))
-        for prefix, own in found.items()
-        if set(wanted) <= set(own)
-    ]
+    found = []
+    for prefix in prefixes:
+        alpha = next((prefix + name for name in _ALPHAS if prefix + name in names), None)
+        sets = [channels for channels in wanted if all(prefix + name in names for name in channels)]
+        for channels in sets:
+            own = "".join(channels) if len(sets) > 1 or not (of_part or prefix) else ""
+            label = ".".join(filter(None, (of_part, prefix[:-1], own)))
+            found.append(_Layer(label, part, tuple(prefix + name for name in channels), alpha))
+    return found
 
 
 def _windows(path: Path, header: Mapping[str, Any]) -> tuple[Window, tuple[int, int]]:
@@ -138,8 +153,8 @@ def _windows(path: Path, header: Mapping[str, Any]) -> tuple[Window, tuple[int, 
         data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
         if min(*data_size, *view_size) < 1 or max(data_size.prod(), view_size.prod()) > MAX_PIXELS:
             raise ValueError("size")
-    except ERRORS:
-        raise unreadable(path, _KIND) from None
+    except _ERRORS:
+        raise unreadable(path, KIND) from None
     left, top = (data_min - view_min).tolist()
     return Window(left, top, int(data_size[0]), int(data_size[1])), (int(view_size[1]), int(view_size[0]))
 
@@ -152,13 +167,13 @@ def _planes(path: Path, part: int, names: Sequence[str], size: tuple[int, int]) 
         with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = [file.parts[part].channels[name] for name in names]
             planes = [channel.pixels for channel in channels]
-    except ERRORS:
-        raise unreadable(path, _KIND) from None
+    except _ERRORS:
+        raise unreadable(path, KIND) from None
     for channel in channels:
         if (channel.xSampling, channel.ySampling) != (1, 1):
             raise ValueError(f"{path}: its channel {channel.name} is subsampled; write all channels at full size")
     if any(plane is None or plane.shape != size for plane in planes):
-        raise unreadable(path, _KIND)
+        raise unreadable(path, KIND)
     return planes
 
 
@@ -179,10 +194,10 @@ def _placed(
     return placed, recorded if (recorded.width, recorded.height) != (width, height) else None
 
 
-def _primaries(path: Path, header: Mapping[str, Any]) -> Primaries | None:
+def _colours(path: Path, header: Mapping[str, Any]) -> Colours:
     if "chromaticities" not in header:
-        return None
+        return Colours()
     try:
-        return Primaries.of(tuple(float(number) for number in header["chromaticities"]))
+        return Colours(primaries=Primaries.of(tuple(float(number) for number in header["chromaticities"])))
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: chromaticities: {error}") from None

@@ -7,11 +7,14 @@ import numpy as np
 
 from torchbrdf.images.encodings import LINEAR, SRGB, Transfer
 from torchbrdf.images.formats._colour_profile import colours_of_profile
-from torchbrdf.images.formats._integers import decoded, orientation_of
-from torchbrdf.images.formats._stored import Stored
+from torchbrdf.images.formats._integers import of_integers, orientation_of
+from torchbrdf.images.formats._quiet import quiet_decoders
+from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, unreadable
 from torchbrdf.images.primaries import SPACES, Primaries
 
+KIND = "PNG"
 SUFFIXES = (".png",)
+SIGNATURES = (b"\x89PNG\r\n\x1a\n",)
 
 _CODED_TRANSFERS = {8: LINEAR, 13: SRGB}
 _CODED_SPACES = {1: SPACES["rec709"], 9: SPACES["rec2020"], 12: SPACES["p3-d65"]}
@@ -21,10 +24,21 @@ _LARGEST_PROFILE = 1 << 24
 
 
 def read(path: Path) -> Stored:
-    """Values over their full scale; raises ValueError for damaged files and encodings that are not known."""
+    """Values over their full scale; raises ValueError for damaged files."""
+    import imagecodecs
+
     data = path.read_bytes()
     chunks = _chunks(data)
-    return decoded(path, data, "PNG", *_colours(path, chunks)).turned(orientation_of(chunks.get(b"eXIf", b"")))
+    width, height = (int.from_bytes(chunks.get(b"IHDR", b"")[place : place + 4], "big") for place in (0, 4))
+    if not 1 <= width * height <= MAX_PIXELS or b"IEND" not in chunks:
+        raise unreadable(path, KIND)
+    try:
+        with quiet_decoders():
+            pixels = imagecodecs.png_decode(data)
+    except (RuntimeError, ValueError, TypeError, MemoryError, OverflowError):
+        raise unreadable(path, KIND) from None
+    orientation = orientation_of(chunks.get(b"eXIf", b""))
+    return of_integers(pixels, KIND, lambda: _colours(path, chunks)).turned(orientation)
 
 
 def _chunks(data: bytes) -> dict[bytes, bytes]:
@@ -40,12 +54,12 @@ def _chunks(data: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def _colours(path: Path, chunks: dict[bytes, bytes]) -> tuple[Transfer | None, Primaries | None]:
+def _colours(path: Path, chunks: dict[bytes, bytes]) -> Colours:
     """How values are encoded and what colours they are, by the chunks that have precedence [PNG3, 4.3]."""
     if coded := chunks.get(b"cICP"):
         if len(coded) != 4 or coded[0] not in _CODED_SPACES or coded[1] not in _CODED_TRANSFERS or coded[2:] != b"\0\1":
             raise ValueError(f"{path}: its cICP chunk ({coded[:4].hex(' ')}) names an encoding that is not read")
-        return _CODED_TRANSFERS[coded[1]], _CODED_SPACES[coded[0]]
+        return Colours(_CODED_TRANSFERS[coded[1]], _CODED_SPACES[coded[0]])
     if profile := chunks.get(b"iCCP"):
         compressed = profile[profile.find(b"\0") + 2 :]
         try:
@@ -53,7 +67,7 @@ def _colours(path: Path, chunks: dict[bytes, bytes]) -> tuple[Transfer | None, P
         except zlib.error:
             raise ValueError(f"{path}: its colour profile (chunk iCCP) is damaged; export it again") from None
     if b"sRGB" in chunks:
-        return SRGB, SPACES["rec709"]
+        return Colours(SRGB, SPACES["rec709"])
     transfer = primaries = None
     if len(gamma := chunks.get(b"gAMA", b"")) == 4 and any(gamma):
         transfer = Transfer.power(1e5 / int.from_bytes(gamma, "big"))
@@ -63,4 +77,4 @@ def _colours(path: Path, chunks: dict[bytes, bytes]) -> tuple[Transfer | None, P
             primaries = Primaries.of((*colours, white_x, white_y))
         except ValueError as error:
             raise ValueError(f"{path}: chunk cHRM: {error}") from None
-    return transfer, primaries
+    return Colours(transfer, primaries)

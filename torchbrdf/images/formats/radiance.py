@@ -1,4 +1,4 @@
-"""Radiance pictures, `.hdr` and `.pic`, as Radiance's own text defines them [War97].
+"""Radiance pictures, `.hdr` and `.pic`, as Radiance's own text defines them [War22].
 
 Values are radiance: what is stored over all EXPOSURE and COLORCORR lines, which tell what a program has multiplied it
 by. Many readers leave that out. A mantissa m counts as m, as in all other readers, where Radiance's own code takes
@@ -6,32 +6,27 @@ m + 1/2. Without PRIMARIES the colours are said to be none in particular.
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
 
 import numpy as np
 
-from torchbrdf.images.formats._stored import MAX_PIXELS, Stored, check_pixel_aspect, unreadable
+from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, check_pixel_aspect, unreadable
 from torchbrdf.images.primaries import Primaries
 
+KIND = "Radiance .hdr"
 SUFFIXES = (".hdr", ".pic")
+SIGNATURES = (b"#?",)
 
-_KIND = "Radiance .hdr"
 _LONGEST_HEADER = 1 << 20
 _RESOLUTION = re.compile(rb"\s*([+-])([XY])\s*(\d{1,9})\s+([+-])([XY])\s*(\d{1,9})\s*")
-_BLANK_LINE = re.compile(rb"\n\r*\n")
+_BLANK_LINE = re.compile(rb"(?:\A|\n)\r*\n")
 _RUN_LENGTHS = range(8, 1 << 15)
 """Widths whose scanlines may be stored in the newer way, each component by itself."""
 
-_OTHERS = (
-    (b"\x89PNG", "PNG image", ".png"),
-    (b"\x76\x2f\x31\x01", "OpenEXR image", ".exr"),
-    (b"\xff\xd8\xff", "JPEG image", ".jpg"),
-    (b"II*\0", "TIFF image", ".tif"),
-    (b"MM\0*", "TIFF image", ".tif"),
-    (b"ENVI", "header of an ENVI data set", ""),
-)
+_XYZE = "32-bit_rle_xyze"
 _PLACES = {"EXPOSURE": 1, "PIXASPECT": 1, "COLORCORR": 3, "PRIMARIES": 8}
 """Variables whose numbers count, and how many each has."""
 
@@ -52,49 +47,57 @@ def read(path: Path) -> Stored:
     header = _header(path, data)
     for key, value in header.variables:
         if key == "FORMAT" and value != "32-bit_rle_rgbe":
-            what = "CIE XYZ without a white point" if value == "32-bit_rle_xyze" else "not one that Radiance has"
-            raise ValueError(
-                f"{path}: its pixel format is {value[:40]}, {what}; convert it to RGB (`ra_xyze -r` for XYZE)"
-            )
-    numbers = {key: _numbers(path, key, header) for key in _PLACES}
+            what = "CIE XYZ without a white; convert it with `ra_xyze -r`" if value == _XYZE else "not RGB; convert it"
+            raise ValueError(f"{path}: its pixel format is {value[:40]!r}, {what}")
+    numbers = {key: list(_numbers(path, key, header)) for key in _PLACES}
     check_pixel_aspect(path, prod([ratio[0] for ratio in numbers["PIXASPECT"]]))
     count, width = header.lengths
     rgbe = _pixels(path, data, header.end, count, width)
-    step = np.ldexp(np.float32(1), rgbe[..., 3].astype(np.int32) - 136)
-    step[rgbe[..., 3] == 0] = 0
-    values = rgbe[..., :3] * step[..., None]
-    factors = np.ones(3)
-    for factor in (*numbers["EXPOSURE"], *numbers["COLORCORR"]):
-        factors = factors * factor
-    if (factors != 1).any():
-        values = (values / factors).astype(np.float32)
-        if not (np.isfinite(factors).all() and np.isfinite(values).all()):
-            product = ", ".join(f"{factor:g}" for factor in factors)
-            raise ValueError(f"{path}: EXPOSURE and COLORCORR multiply to {product}: no radiance; mend its header")
-    primaries = None
-    if numbers["PRIMARIES"]:
-        try:
-            primaries = Primaries.of(numbers["PRIMARIES"][-1])
-        except ValueError as error:
-            raise ValueError(f"{path}: PRIMARIES: {error}") from None
-    return Stored(np.ascontiguousarray(_upright(values, header.axes).transpose(2, 0, 1)), _KIND, primaries=primaries)
+    step = np.ldexp(np.float32(1), np.arange(256) - 136)
+    step[0] = 0
+    values = rgbe[..., :3] * step[rgbe[..., 3:]]
+    values, about = _over(path, values, [*numbers["EXPOSURE"], *numbers["COLORCORR"]])
+    return Stored(
+        np.ascontiguousarray(_upright(values, header.axes).transpose(2, 0, 1)),
+        KIND,
+        colours=lambda: _colours(path, numbers["PRIMARIES"]),
+        about=about,
+    )
+
+
+def _over(path: Path, values: np.ndarray, factors: list[tuple[float, ...]]) -> tuple[np.ndarray, str]:
+    """Values (..., 3) over the product of factors, for all channels or for each, and what was done."""
+    with np.errstate(all="ignore"):
+        product = np.prod([np.broadcast_to(factor, 3) for factor in factors], axis=0) * np.ones(3)
+        if (product == 1).all():
+            return values, ""
+        values = (values / product).astype(np.float32)
+    numbers = " ".join(f"{number:g}" for number in (product[:1] if len(set(product)) == 1 else product))
+    if not (np.isfinite(product).all() and np.isfinite(values).all()):
+        raise ValueError(f"{path}: EXPOSURE and COLORCORR multiply to {numbers}: no radiance; mend its header")
+    return values, f"values over EXPOSURE and COLORCORR, {numbers}"
+
+
+def _colours(path: Path, primaries: list[tuple[float, ...]]) -> Colours:
+    try:
+        return Colours(primaries=Primaries.of(primaries[-1]) if primaries else None)
+    except ValueError as error:
+        raise ValueError(f"{path}: PRIMARIES: {error}") from None
 
 
 def _header(path: Path, data: bytes) -> _Header:
-    for start, kind, suffix in _OTHERS:
-        if data.startswith(start):
-            cure = f"name it {path.stem}{suffix}" if suffix else "give a picture"
-            raise ValueError(f"{path}: is a {kind}, not a Radiance picture; {cure}")
+    if data.startswith(b"ENVI"):
+        raise ValueError(f"{path}: is the header of an ENVI data set, no picture; write that as .exr")
     blank = _BLANK_LINE.search(data, 0, _LONGEST_HEADER)
     if blank is None:
-        raise unreadable(path, _KIND, "no blank line ends its header")
+        raise unreadable(path, KIND, "no blank line ends its header")
     found = data.find(b"\n", blank.end(), blank.end() + 100)
     match = _RESOLUTION.fullmatch(data, blank.end(), max(found, blank.end()))
     if match is None or match[2] == match[5]:
-        raise unreadable(path, _KIND, "no resolution, such as -Y 512 +X 1024, follows its header")
+        raise unreadable(path, KIND, "no resolution, such as -Y 512 +X 1024, follows its header")
     lengths = int(match[3]), int(match[6])
     if not 1 <= lengths[0] * lengths[1] <= MAX_PIXELS:
-        raise unreadable(path, _KIND, f"it claims {lengths[0]} x {lengths[1]} pixels")
+        raise unreadable(path, KIND, f"it claims {lengths[0]} x {lengths[1]} pixels")
     variables = []
     for line in data[: blank.start()].decode("latin-1").split("\n"):
         key, equals, value = line.partition("=")
@@ -104,9 +107,8 @@ def _header(path: Path, data: bytes) -> _Header:
     return _Header(variables, axes, lengths, found + 1)
 
 
-def _numbers(path: Path, key: str, header: _Header) -> list[tuple[float, ...]]:
+def _numbers(path: Path, key: str, header: _Header) -> Iterator[tuple[float, ...]]:
     """The numbers of every line of a variable; factors of 0 count as 1."""
-    found = []
     for name, text in header.variables:
         if name != key:
             continue
@@ -119,8 +121,7 @@ def _numbers(path: Path, key: str, header: _Header) -> list[tuple[float, ...]]:
         sound = len(numbers) == _PLACES[key] and all(isfinite(n) and not (factors and n < 0) for n in numbers)
         if not sound:
             raise ValueError(f"{path}: {key}={text[:60]} in its header must be {_PLACES[key]} numbers; mend that line")
-        found.append(tuple(n or 1.0 for n in numbers) if factors else numbers)
-    return found
+        yield tuple(n or 1.0 for n in numbers) if factors else numbers
 
 
 def _upright(values: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
@@ -135,7 +136,7 @@ def _upright(values: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
 def _pixels(path: Path, data: bytes, position: int, count: int, width: int) -> np.ndarray:
     """(count, width, 4) uint8: mantissas and exponents of all scanlines, however each is stored."""
     if count > (len(data) - position) // 4:
-        raise unreadable(path, _KIND, "truncated")
+        raise unreadable(path, KIND, "truncated")
     lines = []
     try:
         for _ in range(count):
@@ -145,7 +146,7 @@ def _pixels(path: Path, data: bytes, position: int, count: int, width: int) -> n
                 line, position = _by_pixel(data, position, width)
             lines.append(line)
     except IndexError:
-        raise unreadable(path, _KIND, f"truncated or damaged in scanline {len(lines)} of {count}") from None
+        raise unreadable(path, KIND, f"truncated or damaged in scanline {len(lines)} of {count}") from None
     return np.stack(lines)
 
 
@@ -186,6 +187,9 @@ def _by_pixel(data: bytes, position: int, width: int) -> tuple[np.ndarray, int]:
 
     (1, 1, 1, n) repeats the pixel before n times; the k-th in a row of them 256^k n times.
     """
+    flat = np.frombuffer(data, np.uint8, min(4 * width, len(data) - position) // 4 * 4, position).reshape(-1, 4)
+    if len(flat) == width and not (flat[:, :3] == 1).all(axis=1).any():
+        return flat, position + 4 * width
     line = bytearray()
     shift, end = 0, 4 * width
     while len(line) < end:

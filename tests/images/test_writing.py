@@ -1,0 +1,120 @@
+"""Images to files: exact round trips, and files that are whole or absent."""
+
+import os
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings, strategies as st
+from picture_files import picture
+
+from torchbrdf.images import png_bytes, read_image, read_metadata, write_image
+from torchbrdf.images.display import tone_map
+
+
+def test_exr_round_trip_is_exact_also_for_strided_tensors(tmp_path):
+    image = picture()
+    for name, given_image in {
+        "plain.exr": image,
+        "UPPER.EXR": image,
+        "strided.exr": torch.rand(14, 9, 3).permute(2, 1, 0),
+        "flipped.exr": image.flip(2)[:, ::2, ::3],
+        "double.exr": image.double(),
+        "gradient.exr": image.clone().requires_grad_(),
+    }.items():
+        write_image(tmp_path / name, given_image)
+        read = read_image(tmp_path / name)
+        assert read.dtype == torch.float32
+        assert torch.equal(read, given_image.detach().float()), name
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+@given(
+    scale=st.floats(-20, 20),
+    values=st.lists(st.floats(0, 1, width=32), min_size=3, max_size=3),
+)
+@settings(deadline=None, max_examples=50)
+def test_hdr_keeps_each_channel_to_one_step_of_the_brightest(tmp_path_factory, scale, values):
+    path = tmp_path_factory.mktemp("hdr") / "a.hdr"
+    image = (torch.tensor(values) * 2**scale)[:, None, None].expand(3, 2, 8)
+    write_image(path, image)
+    # A shared exponent and 8 bits: steps of 1/128 of the brightest channel at the coarsest.
+    assert (read_image(path) - image).abs().max() <= image.max() / 128 + 1e-30
+
+
+def test_hdr_has_no_negative_and_no_invalid_values(tmp_path):
+    image = torch.tensor([-1.0, 2.0, 3.0])[:, None, None].repeat(1, 2, 8)
+    image[:, 1, 0] = torch.tensor([torch.nan, torch.inf, 1.0])
+    write_image(tmp_path / "a.hdr", image)
+    read = read_image(tmp_path / "a.hdr")
+    assert read[:, 0, 0].tolist() == [0.0, 2.0, 3.0]
+    assert torch.isfinite(read).all()
+    assert read[0, 1, 0] == 0
+    assert read[1, 1, 0] > 1e36
+
+
+def test_png_is_the_tone_mapped_image(tmp_path):
+    image = picture() / 60
+    image[:, 0, 0] = torch.tensor([1.0, 0.5, 0.0])
+    write_image(tmp_path / "a.PNG", image)
+    assert (tmp_path / "a.PNG").read_bytes() == png_bytes(image)
+    pixels = cv2.imread(str(tmp_path / "a.PNG"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert pixels[0, 0].tolist() == [255, 186, 0]
+    expected = (tone_map(image) * 255).round().permute(1, 2, 0).numpy().astype("u1")
+    assert np.array_equal(pixels, expected)
+    assert png_bytes(image, exposure=0.5) == png_bytes(image * 0.5)
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".hdr", ".png"])
+def test_a_failed_write_leaves_nothing_and_keeps_the_old_file(tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"a{suffix}"
+    write_image(path, picture())
+    before = path.read_bytes()
+
+    def full_disk(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        write_image(path, picture(seed=1))
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_bad_writes(tmp_path):
+    with pytest.raises(FileNotFoundError, match="cannot write here"):
+        write_image(tmp_path / "nowhere" / "a.exr", picture())
+    with pytest.raises(ValueError, match=r"suffix '\.tif' is not supported; use \.exr, \.hdr, \.png$"):
+        write_image(tmp_path / "a.tif", picture())
+    with pytest.raises(ValueError, match=r"^image must be \(3, H, W\), got \(1, 9, 14\)$"):
+        write_image(tmp_path / "a.exr", picture()[:1])
+    with pytest.raises(ValueError, match=r"^image must be \(3, H, W\), got \(9, 14, 3\)$"):
+        png_bytes(picture().permute(1, 2, 0))
+    assert not list(tmp_path.iterdir())
+
+
+def test_exr_metadata_round_trip(tmp_path):
+    metadata = {"material": "grün, {\"a\": 1}\nsecond line", "empty": "", "k" * 31: "v" * 10_000}
+    write_image(tmp_path / "a.exr", picture(), metadata)
+    assert read_metadata(tmp_path / "a.exr") == metadata
+    assert torch.equal(read_image(tmp_path / "a.exr"), picture())
+    write_image(tmp_path / "plain.exr", picture())
+    assert read_metadata(tmp_path / "plain.exr") == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "metadata", "message"),
+    [
+        ("a.png", {"a": "b"}, r"a\.png: only \.exr files hold metadata; write an \.exr, or leave the metadata out$"),
+        ("a.exr", {"type": "b"}, r"^metadata must not be named 'type', which OpenEXR keeps for itself; choose another"),
+        ("a.exr", {"": "b"}, r"^metadata needs names of 1 to 31 characters and no zero bytes, got '': 'b'$"),
+        ("a.exr", {"k" * 32: "b"}, "^metadata needs names of 1 to 31 characters"),
+        ("a.exr", {"a": "b\0c"}, "no zero bytes"),
+        ("a.exr", {"a": 3}, "^metadata must be text by name, got 'a': 3$"),
+    ],
+)
+def test_bad_metadata(tmp_path, name, metadata, message):
+    with pytest.raises(ValueError, match=message):
+        write_image(tmp_path / name, picture(), metadata)
+    assert not list(tmp_path.iterdir())
