@@ -8,8 +8,8 @@ import pytest
 import tifffile
 import torch
 from PIL import Image
-from picture_files import disc, png, png_of, rgb, chunk, window, write_exr
 
+from picture_files import chunk, disc, png, png_of, rgb, window, write_exr
 from torchbrdf.images import Mask, open_mask, read_mask
 
 DISC = disc()

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from picture_files import chunk, picture, png_of, rgb, write_exr
 
+from picture_files import chunk, picture, png_of, rgb, write_exr
 from torchbrdf.images import read_image, read_metadata, read_picture, write_image
 from torchbrdf.images.primaries import SPACES, conversion
 

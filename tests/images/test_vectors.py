@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from picture_files import picture, png_of, rgb, write_exr
 
+from picture_files import picture, png_of, rgb, write_exr
 from torchbrdf.images import read_vectors
 from torchbrdf.images.primaries import SPACES
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings, strategies as st
-from picture_files import picture
 
+from picture_files import picture
 from torchbrdf.images import png_bytes, read_image, read_metadata, write_image
 from torchbrdf.images.display import tone_map
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.images import read_mask, readable_suffixes
+from torchbrdf.images import DEFAULT_SPACE, converted, read_mask, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
@@ -14,7 +14,7 @@ from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, Spher
 RESULT = "brdf.binary"
 """The table in a folder that `torchbrdf fit` writes."""
 
-_READING = ("probe_layout", "probe_rows", "probe_circle", "probe_mask", "mirror_reflectance")
+_READING = ("probe_layer", "probe_layout", "probe_rows", "probe_circle", "probe_mask", "mirror_reflectance")
 _CAMERA = ("toward", "up", "target", "width")
 
 
@@ -24,7 +24,10 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
         for key in _READING:
             if getattr(options, key) not in (None, "latlong"):
                 raise ValueError(f"--{key.replace('_', '-')} is for a probe from a file, and --probe is default")
-        return LightProbe.default()
+        probe = LightProbe.default()
+        if options.primaries == DEFAULT_SPACE:
+            return probe
+        return LightProbe(converted(probe.radiance, DEFAULT_SPACE, options.primaries), name=probe.name)
     mask, circle = None, options.probe_circle
     if options.probe_mask is not None:
         mask = read_mask(options.probe_mask)
@@ -40,6 +43,8 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
         circle=circle,
         mask=mask,
         reflectance=options.mirror_reflectance,
+        primaries=options.primaries,
+        layer=options.probe_layer,
     )
 
 

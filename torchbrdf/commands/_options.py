@@ -114,6 +114,7 @@ def add_light(parser: argparse.ArgumentParser, required: bool = True, default: s
 
 def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
     """How to read the file of `--probe`, or of another option for a light."""
+    parser.add_argument(f"--{light}-layer", metavar="NAME", help="of a file that holds several pictures")
     text = "of the picture; default: latlong"
     parser.add_argument(f"--{light}-layout", choices=get_args(Layout), default="latlong", help=text)
     text = (

@@ -47,10 +47,15 @@ def run(options: argparse.Namespace) -> int:
         sight = read_observation(options, size)
         observation, view = sight.observation, sight.view
         probe = open_probe(options)
-        lit = probe.name.removeprefix("light probe ")
+        lit = ", ".join(filter(None, (probe.name.removeprefix("light probe "), probe.reading)))
         library = open_library(options)
         basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
-        settings = {"title": options.photo.name, "photograph": options.photo.name, "light probe": probe.name}
+        settings = {
+            "title": options.photo.name,
+            "photograph": sight.about,
+            "light probe": lit,
+            "colours": f"linear {options.primaries}",
+        }
         written = "brdf.binary, weights.json, fitted.exr and report.html"
         if options.align:
             found = _alignment.aligned(options, observation, probe, view, library)

@@ -86,7 +86,7 @@ def _other_light(options: argparse.Namespace) -> LightProbe:
     """The probe of `--light`."""
     from torchbrdf.commands._inputs import open_probe
 
-    read = {f"probe_{key}": getattr(options, f"light_{key}") for key in ("layout", "rows", "circle", "mask")}
+    read = {f"probe_{key}": getattr(options, f"light_{key}") for key in ("layer", "layout", "rows", "circle", "mask")}
     read |= {"probe": options.light, "mirror_reflectance": None}
     try:
         return open_probe(argparse.Namespace(**vars(options) | read))

@@ -9,7 +9,10 @@ from .display import (
     stops_for as stops_for,
     tone_map as tone_map,
 )
-from .formats import Window as Window
+from .formats import (
+    Window as Window,
+    readable_suffixes as readable_suffixes,
+)
 from .masks import (
     Mask as Mask,
     open_mask as open_mask,
@@ -21,6 +24,7 @@ from .pictures import (
     read_metadata as read_metadata,
     read_picture as read_picture,
 )
+from .primaries import converted as converted
 from .settings import (
     DEFAULT_SPACE as DEFAULT_SPACE,
     ColourSpace as ColourSpace,
@@ -31,8 +35,4 @@ from .writing import (
     check_image_suffix as check_image_suffix,
     png_bytes as png_bytes,
     write_image as write_image,
-)
-from .vectors import (
-    VECTOR_SUFFIXES as VECTOR_SUFFIXES,
-    read_vectors as read_vectors,
 )

@@ -72,10 +72,15 @@ def read_picture(
     layer: str | None = None,
     primaries: ColourSpace = DEFAULT_SPACE,
     encoding: Encoding | None = None,
+    layer_option: str = "--layer",
 ) -> Picture:
-    """The same with all that the file says; `allow_ldr=None` where integers cannot be allowed at all."""
+    """The same with all that the file says.
+
+    allow_ldr     None where integers cannot be allowed at all
+    layer_option  what names a layer on the command line
+    """
     path = Path(path)
-    stored = read_stored(path, layer)
+    stored = read_stored(path, layer, option=layer_option)
     if len(stored.values) != 3:
         raise ValueError(f"{path}: expected R, G, B channels, got one of grey")
     transfer, space = stored.colours()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from torchbrdf.images.settings import ColourSpace
 
@@ -85,6 +87,13 @@ def conversion(source: Primaries, target: Primaries) -> np.ndarray:
     cones = (_BRADFORD @ target.white_xyz()) / (_BRADFORD @ source.white_xyz())
     adapted = np.linalg.solve(_BRADFORD, cones[:, None] * _BRADFORD)
     return np.linalg.solve(target.to_xyz(), adapted @ source.to_xyz())
+
+
+def converted(image: Tensor, source: ColourSpace, target: ColourSpace) -> Tensor:
+    """(3, ...) linear RGB of one space in another; see `conversion`."""
+    if source == target:
+        return image
+    return torch.tensordot(torch.from_numpy(conversion(SPACES[source], SPACES[target])).to(image), image, dims=1)
 
 
 _D65 = (0.3127, 0.3290)

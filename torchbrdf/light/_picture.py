@@ -9,7 +9,7 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from torchbrdf.images import read_image
+from torchbrdf.images import ColourSpace, Picture, read_picture
 from torchbrdf.light._soundness import fill, share_and_place, sound, warn
 from torchbrdf.light.latlong import from_bands, from_edge_columns, resize, row_solid_angles
 from torchbrdf.light.layouts import Circle, layout_of, looks_like
@@ -37,6 +37,8 @@ class LightPicture:
     circle: Circle | None = None
     mask: Tensor | None = None
     reflectance: float | Sequence[float] | None = None
+    primaries: ColourSpace = "rec709"
+    layer: str | None = None
 
     @property
     def name(self) -> str:
@@ -46,12 +48,34 @@ class LightPicture:
     def to_latlong(self, height: int | None, repair: bool) -> tuple[Tensor, str]:
         """Sound radiance (3, H, 2 H), and how the file was read, in words."""
         self._check()
-        image = read_image(self.path)
+        picture = read_picture(
+            self.path, None, layer=self.layer, primaries=self.primaries, layer_option="--probe-layer"
+        )
         marked, kind = _said_by(self.path)
-        if self.layout != "latlong":
-            return self._converted(self.layout, image, height, repair)
-        if kind == "cube":
-            return self._converted("envmap_cube", image, height, repair)
+        layout: Layout = "envmap_cube" if self.layout == "latlong" and kind == "cube" else self.layout
+        image, cropped = self._recorded(picture, layout)
+        radiance, said = self._placed(image, layout, marked, kind, height, repair)
+        return radiance, ", ".join([*picture.about, *cropped, said])
+
+    def _recorded(self, picture: Picture, layout: Layout) -> tuple[Tensor, list[str]]:
+        """The image, or the part of it that was recorded where that is the picture, and what to say of it."""
+        if picture.window is None or self.circle is not None:
+            return picture.image, []
+        window = picture.window
+        wide = {"latlong": 2.0, "angular": 1.0, "mirror_ball": 1.0}.get(layout, math.nan)
+        if picture.image.shape[2] != wide * picture.image.shape[1] and window.width == wide * window.height:
+            return picture.image[:, *window.slices], [f"the {window.height} x {window.width} pixels recorded"]
+        raise ValueError(
+            f"{self.name} recorded only {window.height} x {window.width} of its {picture.image.shape[1]} x "
+            f"{picture.image.shape[2]} pixels; write it whole"
+        )
+
+    def _placed(
+        self, image: Tensor, layout: Layout, marked: str | None, kind: str | None, height: int | None, repair: bool
+    ) -> tuple[Tensor, str]:
+        """`to_latlong` of an image of this layout; marked, kind  as of `_said_by`."""
+        if layout != "latlong":
+            return self._converted(layout, image, height, repair)
         check_proportions(image.shape[1], image.shape[2], self.name)
         if self.rows == "centres" or (self.rows is None and marked != "poles" and kind is None):
             return self._of_bands(image, height, repair), "rows at pixel centres"
@@ -82,11 +106,6 @@ class LightPicture:
                 raise ValueError(
                     f"{self.name}: {option} goes with --probe-layout {where} (layout= in Python), got {self.layout}"
                 )
-        if self.path.suffix.lower() == ".png":
-            raise ValueError(
-                f"{self.path}: a PNG cannot hold the radiance of lamps; give the light probe as .exr or .hdr, "
-                "merged from several exposures"
-            )
 
     def _of_bands(self, image: Tensor, height: int | None, repair: bool) -> Tensor:
         h = image.shape[1]

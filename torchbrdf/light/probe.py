@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.images import luminance, write_image
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, luminance, write_image
 from torchbrdf.light._blur import blur
 from torchbrdf.light._picture import ROWS_KEY, LightPicture, check_proportions
 from torchbrdf.light._procedural import studio_room
@@ -63,6 +63,8 @@ class LightProbe:
         circle: tuple[float, float, float] | None = None,
         mask: Tensor | None = None,
         reflectance: float | Sequence[float] | None = None,
+        primaries: ColourSpace = DEFAULT_SPACE,
+        layer: str | None = None,
     ) -> LightProbe:
         """Read a probe from an .exr or .hdr file.
 
@@ -80,11 +82,12 @@ class LightProbe:
         mask       (1, h, w) bool, True where such a picture may be used; what the disc lacks is filled with `repair`,
                    and an error without it
         reflectance  of a mirror ball, 0 < r <= 1, one number or one for each of R, G and B: radiance is divided by it
+        primaries, layer  as for `read_image`
         raises     FileNotFoundError, ValueError
         """
         if height is not None:
             _checked_height(height)
-        picture = LightPicture(Path(path), layout, rows, circle, mask, reflectance)
+        picture = LightPicture(Path(path), layout, rows, circle, mask, reflectance, primaries, layer)
         radiance, reading = picture.to_latlong(height, repair)
         return cls._of(radiance, picture.name, reading)
 

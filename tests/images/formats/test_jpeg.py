@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image, ImageCms
-from picture_files import as_orientation, exif
 
+from picture_files import as_orientation, exif
 from torchbrdf.images import open_mask, read_image, read_picture
 from torchbrdf.images.encodings import SRGB
 from torchbrdf.images.formats import read_stored

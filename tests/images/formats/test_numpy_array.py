@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from picture_files import disc, picture
 
+from picture_files import disc, picture
 from torchbrdf.images import open_mask, read_image, read_picture, read_vectors
 from torchbrdf.images.formats import read_stored
 

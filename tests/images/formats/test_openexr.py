@@ -6,8 +6,8 @@ import numpy as np
 import OpenEXR
 import pytest
 import torch
-from picture_files import picture, rgb, window, write_exr, write_exr_parts
 
+from picture_files import picture, rgb, window, write_exr, write_exr_parts
 from torchbrdf.images import open_mask, read_image, read_picture, read_vectors
 from torchbrdf.images.formats import Window, read_stored
 from torchbrdf.images.primaries import SPACES, conversion

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from picture_files import disc, picture
 
+from picture_files import disc, picture
 from torchbrdf.images import open_mask, read_image
 from torchbrdf.images.formats import read_stored
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image, ImageCms
-from picture_files import as_orientation, chunk, exif, png, png_of
 
+from picture_files import as_orientation, chunk, exif, png, png_of
 from torchbrdf.images import open_mask, read_image, read_picture
 from torchbrdf.images.encodings import SRGB
 from torchbrdf.images.formats import read_stored

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings, strategies as st
-from picture_files import picture
 
+from picture_files import picture
 from torchbrdf.images import open_mask, read_image, read_picture, write_image
 from torchbrdf.images.formats import read_stored
 from torchbrdf.images.primaries import SPACES, Primaries, conversion

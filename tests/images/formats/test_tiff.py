@@ -8,8 +8,8 @@ import pytest
 import tifffile
 import torch
 from PIL import Image, ImageCms
-from picture_files import as_orientation, disc, picture
 
+from picture_files import as_orientation, disc, picture
 from torchbrdf.images import open_mask, read_image, read_picture, read_vectors
 from torchbrdf.images.formats import read_stored
 

@@ -12,25 +12,32 @@ from torchbrdf.images.formats import openexr
 from torchbrdf.images.formats._stored import Stored
 
 
-def read_stored(path: Path, layer: str | None = None, vectors: bool = False) -> Stored:
+def readable_suffixes() -> tuple[str, ...]:
+    """Of all containers, those of high dynamic range that most people have first."""
+    return tuple(sorted(_by_suffix(), key=lambda suffix: (suffix not in (".exr", ".hdr"), suffix)))
+
+
+def read_stored(path: Path, layer: str | None = None, vectors: bool = False, option: str = "") -> Stored:
     """What a file holds; raises as `existing_file`, and ValueError where it is not such a picture.
 
     layer    which of several pictures of an OpenEXR file
     vectors  prefer its channels X, Y, Z
+    option   what names a layer on the command line; empty where nothing does
     """
     suffix = path.suffix.lower()
     module = _by_suffix().get(suffix)
     if module is None:
         if not path.exists():
             existing_file(path, "an image")
-        known = ", ".join(sorted(_by_suffix(), key=lambda suffix: (suffix not in (".exr", ".hdr"), suffix)))
+        known = ", ".join(readable_suffixes())
         raise ValueError(f"{path}: image suffix {path.suffix!r} is not supported; use {known}")
     existing_file(path, f"an image ({suffix})")
     _check_signature(path, module)
     if module is openexr:
-        return openexr.read(path, layer, vectors)
+        return openexr.read(path, layer, vectors, option)
     if layer is not None:
-        raise ValueError(f"{path}: --layer is for .exr files with several pictures; leave it out")
+        what = f"{option} (layer= in Python)" if option else "layer"
+        raise ValueError(f"{path}: {what} is for .exr files with several pictures; leave it out")
     stored: Stored = module.read(path)
     return stored
 

@@ -48,14 +48,15 @@ class _Layer:
         return self.channels in (_COLOURS[0], _VECTORS[0])
 
 
-def read(path: Path, layer: str | None = None, vectors: bool = False) -> Stored:
+def read(path: Path, layer: str | None = None, vectors: bool = False, option: str = "") -> Stored:
     """One picture of a file; raises ValueError where there is none, or there are several and none is chosen.
 
     layer    its label, as messages list them
     vectors  prefer channels X, Y, Z
+    option   what names a layer on the command line; empty where nothing does
     """
     headers = read_headers(path)
-    chosen = _chosen(path, headers, layer, vectors)
+    chosen = _chosen(path, headers, layer, vectors, option)
     header = headers[chosen.part]
     names = [*chosen.channels, *([chosen.alpha] if chosen.alpha else [])]
     window, size = _windows(path, header)
@@ -85,7 +86,9 @@ def read_headers(path: Path) -> list[dict[str, Any]]:
         raise unreadable(path, KIND) from None
 
 
-def _chosen(path: Path, headers: Sequence[Mapping[str, Any]], label: str | None, vectors: bool) -> _Layer:
+def _chosen(
+    path: Path, headers: Sequence[Mapping[str, Any]], label: str | None, vectors: bool, option: str
+) -> _Layer:
     flat = [i for i, header in enumerate(headers) if "deep" not in str(header.get("type"))]
     if not flat:
         raise ValueError(f"{path}: is a deep image, many samples in each pixel; flatten it where it was made")
@@ -99,8 +102,8 @@ def _chosen(path: Path, headers: Sequence[Mapping[str, Any]], label: str | None,
     if len(plain) == 1 and plain[0].part == flat[0]:
         return plain[0]
     if found:
-        which = _listed(found)
-        raise ValueError(f"{path}: holds several pictures; choose one: --layer NAME (layer= in Python) of {which}")
+        cure = f"choose one: {option} NAME" if option else "write the one that is meant alone, or choose it"
+        raise ValueError(f"{path}: holds several pictures; {cure} (layer= in Python) of {_listed(found)}")
     names = sorted(name for i in flat for name in _names(headers[i]))
     greys = [name for name in names if name != "A"] or names
     if len(flat) == len(greys) == 1:
