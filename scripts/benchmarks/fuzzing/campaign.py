@@ -149,14 +149,14 @@ class _Run:
         self.finished = True
 
     def _ended(self, tally: Tally) -> None:
-        status = self.process.exitcode
+        status = self.process.exitcode or 0
         if status == 0 and self.progress.index >= self.share.end:
             self.close(tally)
-        elif status == 0:
-            self._start(self.progress.index + 1)
         elif self.progress.started:
             name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
             self._lose(tally, Problem("crash", self._place(), name))
+        elif status == 0:
+            self._start(self.progress.index + 1)
         else:
             raise ChildProcessError(
                 f"a worker ended with status {status} before it read input {self.progress.index} of {self.share.reader}"
@@ -177,7 +177,7 @@ class _Run:
 
     def _stop(self) -> str:
         """End the worker; returns where it was."""
-        os.kill(self.process.pid, signal.SIGUSR1)
+        os.kill(self.process.pid or 0, signal.SIGUSR1)
         time.sleep(0.2)
         self.process.kill()
         self.process.join()

@@ -1,6 +1,5 @@
 """`InputFile`: what a reader is given, sound or mutated."""
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 

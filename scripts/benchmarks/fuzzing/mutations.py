@@ -1,6 +1,7 @@
 """Mutations of bytes, of text and of JSON: what formats do not know of themselves."""
 
 import json
+import math
 import re
 import struct
 import zlib
@@ -16,36 +17,41 @@ WHOLE_NUMBERS = (
     1 << 24, 1 << 28, (1 << 28) + 1, (1 << 30) - 1, 1 << 30, (1 << 31) - 1, 1 << 31, -(1 << 31), (1 << 32) - 1, 1 << 32,
     (1 << 53) + 1, (1 << 62) + 3, (1 << 63) - 1, 1 << 63, (1 << 64) - 1,
 )  # fmt: skip
-REAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-45, 1e-38, 1e30, 3.4e38, -3.4e38, 1e300, float("inf"), float("-inf"), float("nan"))
+REAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-45, 1e-38, 1e30, 3.4e38, -3.4e38, 1e300, math.inf, -math.inf, math.nan)
 
 TOKENS = [
     *(str(number).encode() for number in WHOLE_NUMBERS),
-    *b"0.0 -0.0 .5 1. 1e9 1e38 3.5e38 1e39 1e308 1e309 -1e309 1e-50 nan -nan inf -inf NaN Infinity 1.#INF 1_0 1,5 0x7f".split(),
+    *b"0.0 -0.0 .5 1. 1e9 1e38 3.5e38 1e39 1e308 1e309 -1e309 1e-50 nan -nan inf -inf NaN Infinity 1.#INF".split(),
+    *b"1_0 1,5 0x7f".split(),
     *b"+ - -- / // 1/ /1 1//1 1/2/3/4 # % %s%n = == : ; \\ \" ' ( ) [] {} true null".split(),
     b"", b"\0", b"\x1b[31m", b"\xff\xfe", "½".encode(), "٣".encode(), b"9" * 40, b"9" * 5000, b"A" * 127, b"A" * 300,
 ]  # fmt: skip
 
 ODD_JSON: tuple[Any, ...] = (
-    None, True, False, *WHOLE_NUMBERS, 0.5, -1.5, 1e300, float("nan"), float("inf"), "", "a", "0", "\0", "\x1b[2J", "é\n",
+    None, True, False, *WHOLE_NUMBERS, 0.5, -1.5, 1e300, math.nan, math.inf, "", "a", "0", "\0", "\x1b[2J", "é\n",
     "A" * 300, [], {}, [0], [[]], [-1, 2], [1 << 62, 1 << 62], {"a": 1}, [None], ["a", 1],
 )  # fmt: skip
 DEEP_JSON = b"[" * 3000 + b"]" * 3000
 
-_INAPPLICABLE = (ValueError, LookupError, TypeError, AttributeError, StopIteration, RecursionError, struct.error, zlib.error)
+_INAPPLICABLE = (
+    ValueError, LookupError, TypeError, AttributeError, StopIteration, RecursionError, struct.error, zlib.error,
+)  # fmt: skip
+"""What mutations of a format raise where an earlier mutation took away what they need."""
+
 
 FormatMutation = Callable[[bytes, Random, Sequence[bytes]], bytes]
 """content, random numbers, contents of other files of the format -> content; ValueError where it does not apply."""
 
 
 def mutated(content: bytes, rng: Random, others: Sequence[bytes], of_format: FormatMutation) -> bytes:
-    """One to some mutations on top of each other, more than half of them such as the format knows."""
-    for _ in range(1 + min(int(rng.expovariate(0.8)), 6)):
+    """One mutation (three in four times) or more on top of each other, over half of them such as the format knows."""
+    for _ in range(1 + min(int(rng.expovariate(1.4)), 6)):
         if rng.random() < 0.6:
             try:
                 content = of_format(content, rng, others)[:LONGEST]
                 continue
             except _INAPPLICABLE:
-                pass  # an earlier mutation took away what this one needs
+                pass
         content = mutated_bytes(content, rng, others)[:LONGEST]
     return content
 
@@ -172,7 +178,8 @@ def _mutated_lines(text: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
             foreign = rng.choice(others)[:4000].splitlines(keepends=True)
             lines.insert(where, rng.choice(foreign or [b"\n"]))
         case 5:
-            lines[where] = lines[where].rstrip(b"\r\n") + rng.choice((b"\r\n", b"\r", b"\\\n", b"\n\n", b" \n", b"", b"\0\n"))
+            ends = (b"\r\n", b"\r", b"\\\n", b"\n\n", b" \n", b"", b"\0\n")
+            lines[where] = lines[where].rstrip(b"\r\n") + rng.choice(ends)
         case _:
             end = rng.choice((b"\r\n", b"\r", b"\n"))
             lines = [line.rstrip(b"\r\n") + end for line in lines]
@@ -197,7 +204,8 @@ def mutated_json(text: bytes, rng: Random) -> bytes:
         case 3 if isinstance(holder, list):
             holder.extend([holder[key]] * rng.choice((1, 2, 100)))
         case 4 if isinstance(holder[key], (int, float)):
-            holder[key] = rng.choice((holder[key] + 1, holder[key] - 1, -holder[key], holder[key] * 2, holder[key] * 1000))
+            value = holder[key]
+            holder[key] = rng.choice((value + 1, value - 1, -value, value * 2, value * 1000))
         case _:
             holder[key] = rng.choice(ODD_JSON)
     return json.dumps(document).encode()

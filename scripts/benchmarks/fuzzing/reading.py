@@ -21,7 +21,8 @@ TIMES_FILE = 4
 
 _SLOW = 0.25
 _M_ARENA_MAX = -8
-_STATUS = "/proc/self/status"
+_FORGET_MOST_RESIDENT = "5"
+_KEYS = (b"VmRSS:", b"VmHWM:", b"VmSize:", b"VmPeak:")
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,7 @@ class Reading:
 
     accepted  whether there was no error
     seconds   by the clock
-    memory    bytes of address space asked for at once, less TIMES_FILE times the file; 0 where it is not more than
-              earlier readings of this process asked for
+    memory    bytes that it needed at once, less TIMES_FILE times the file
     problem   None where all is as it should be
     """
 
@@ -68,20 +68,42 @@ def prepare_process() -> None:
         os.dup2(sink, stream)
 
 
-def read(opened: Callable[[Path], object], path: Path) -> Reading:
-    """Read a file; a second time where the first took long or much, for which modules that it loaded may be why."""
-    reading = _read(opened, path, only_growth=True)
-    if reading.seconds > _SLOW or reading.memory > CONSTANT:
-        reading = _read(opened, path, only_growth=False)
-    if reading.problem is None and reading.memory > CONSTANT:
-        message = f"{reading.memory >> 20} MiB beyond {TIMES_FILE} times the file's {path.stat().st_size} bytes"
-        return Reading(reading.accepted, reading.seconds, reading.memory, Problem("memory", "", message))
-    return reading
+def read(opened: Callable[[Path], object], path: Path, begun: Callable[[], None] = lambda: None) -> Reading:
+    """Read a file; a second time where the first took long or much, for which what it loaded and keeps may be why.
+
+    begun  is called whenever reading begins
+    """
+    allowed = TIMES_FILE * path.stat().st_size
+    last = first = _attempt(opened, path, begun)
+    memory = max(first.touched, first.asked)
+    if first.seconds > _SLOW or memory > allowed + CONSTANT:
+        last = _attempt(opened, path, begun)
+        memory = last.touched + max(first.asked - first.touched - first.kept, 0)
+    problem = last.problem or first.problem
+    if problem is None and memory > allowed + CONSTANT:
+        message = f"{memory - allowed >> 20} MiB beyond {TIMES_FILE} times the file's {path.stat().st_size} bytes"
+        problem = Problem("memory", "", message)
+    return Reading(last.accepted, last.seconds, memory - allowed, problem)
 
 
-def _read(opened: Callable[[Path], object], path: Path, only_growth: bool) -> Reading:
-    before, peak_before = _address_space()
+@dataclass(frozen=True)
+class _Attempt:
+    """One of the two: bytes touched at once, asked for at once (0 where earlier ones asked for more), and kept."""
+
+    accepted: bool
+    problem: Problem | None
+    seconds: float
+    touched: int
+    asked: int
+    kept: int
+
+
+def _attempt(opened: Callable[[Path], object], path: Path, begun: Callable[[], None]) -> _Attempt:
+    # It forgets the peak of what is resident, and cannot be made to forget that of what is asked for.
+    Path("/proc/self/clear_refs").write_text(_FORGET_MOST_RESIDENT)
+    resident, _, size, most = _memory()
     accepted, problem = False, None
+    begun()
     start = time.perf_counter()
     try:
         opened(path)
@@ -91,9 +113,16 @@ def _read(opened: Callable[[Path], object], path: Path, only_growth: bool) -> Re
     except BaseException as error:  # an extension's panic is no Exception
         problem = Problem("exception", _place(error), f"{type(error).__name__}: {error}"[:300])
     seconds = time.perf_counter() - start
-    _, peak = _address_space()
-    grown = peak > peak_before or not only_growth
-    return Reading(accepted, seconds, peak - before - TIMES_FILE * path.stat().st_size if grown else 0, problem)
+    _, most_resident, size_after, most_after = _memory()
+    asked = most_after - size if most_after > most else 0
+    return _Attempt(accepted, problem, seconds, most_resident - resident, asked, size_after - size)
+
+
+def _memory() -> list[int]:
+    """Bytes of this process: resident, most resident, address space, most address space."""
+    with open("/proc/self/status", "rb") as file:
+        held = file.read()
+    return [int(held[held.index(name) :].split(maxsplit=2)[1]) << 10 for name in _KEYS]
 
 
 def _unclear(error: OSError | ValueError, path: Path) -> Problem | None:
@@ -117,10 +146,3 @@ def place(frames: list[tuple[str, int]]) -> str:
     named = [f"{'/'.join(Path(name).parts[-3:])}:{line}" for name, line in frames]
     within = next((text for text in named if "torchbrdf/" in text), None)
     return " in ".join(dict.fromkeys([*named[:1], *([within] if within else [])]))
-
-
-def _address_space() -> tuple[int, int]:
-    """Bytes now, and at most so far."""
-    with open(_STATUS, "rb") as file:
-        peak, now = (int(line.split()[1]) << 10 for line in file.read().splitlines() if line.startswith((b"VmPeak", b"VmSize")))
-    return now, peak

@@ -12,8 +12,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from fuzzing.files import InputFile
-from fuzzing.reading import CONSTANT, prepare_process, read
 from fuzzing.readers import Reader
+from fuzzing.reading import CONSTANT, prepare_process, read
 
 TRACE = "trace"
 """File in a worker's folder that holds where it crashed, or where it was when SIGUSR1 came."""
@@ -94,8 +94,12 @@ def work(share: Share, first: int, progress: Progress, found: Connection, folder
             file, entry = share.input(index)
             path = Path(folder, f"input{file.suffix}")
             file.write(path)
-            progress.index, progress.started = index, time.monotonic()
-            reading = read(reader.entries[entry][0], path)
+            progress.index = index
+
+            def begun() -> None:
+                progress.started = time.monotonic()
+
+            reading = read(reader.entries[entry][0], path, begun)
             progress.started = 0.0
             progress.done += 1
             progress.accepted += reading.accepted
@@ -108,5 +112,3 @@ def work(share: Share, first: int, progress: Progress, found: Connection, folder
             if reading.memory > CONSTANT:
                 return  # the next must not hide behind this one's peak
     progress.index = share.end
-
-

@@ -39,7 +39,7 @@ def seeds() -> list[InputFile]:
     }  # fmt: skip
     documents["sparse"] = sparse, binary
     dressed, binary = _document()
-    dressed["materials"] = [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1], "baseColorTexture": {"index": 0}}}]
+    dressed["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
     dressed["textures"], dressed["images"] = [{"source": 0}], [{"uri": "red.png"}]
     dressed["meshes"][0]["primitives"][0]["material"] = 0
     documents["dressed"] = dressed, binary
@@ -96,5 +96,5 @@ def _document(index: str | None = "<u2", normals: bool = False, mode: int = 4) -
 def _glb(document: dict[str, Any], binary: bytes) -> bytes:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
-    whole = 12 + 8 + len(text) + 8 + len(binary)
-    return struct.pack("<4sIIII", b"glTF", 2, whole, len(text), _TEXT) + text + struct.pack("<II", len(binary), _BINARY) + binary
+    held = struct.pack("<II", len(text), _TEXT) + text + struct.pack("<II", len(binary), _BINARY) + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(held)) + held

@@ -14,6 +14,7 @@ READ_WHOLE = 0.003
 _HEADER = struct.pack("<3i", *GRID)
 _LENGTH = len(_HEADER) + 3 * 8 * GRID[0] * GRID[1] * GRID[2]
 _SINGLE = len(_HEADER) + 3 * 4 * GRID[0] * GRID[1] * GRID[2]
+_LENGTHS = (0, 1, 11, 12, 13, 20, _LENGTH // 2, _LENGTH - 8, _LENGTH - 1, _LENGTH + 1, _SINGLE, 2 * _LENGTH, 1 << 33)
 _WIDE = (GRID[0], GRID[1], 2 * GRID[2])
 
 
@@ -28,9 +29,9 @@ def mutated(seed: InputFile, rng: Random, others: Sequence[InputFile]) -> InputF
     """A wrong header or length; for READ_WHOLE of the tables wrong values."""
     name, suffix = seed.name, seed.suffix
     if rng.random() < READ_WHOLE:
-        return InputFile(name, suffix, seed.content, seed.length, tuple(_patch(seed.size, rng) for _ in range(rng.choice((1, 3, 30)))))
-    lengths = (0, 1, 11, 12, 13, 20, _LENGTH // 2, _LENGTH - 8, _LENGTH - 1, _LENGTH + 1, _SINGLE, 2 * _LENGTH, 1 << 33, seed.size)
-    length = rng.choice((*lengths, rng.randrange(_LENGTH)))
+        patches = tuple(_patch(seed.size, rng) for _ in range(rng.choice((1, 3, 30))))
+        return InputFile(name, suffix, seed.content, seed.length, patches)
+    length = rng.choice((*_LENGTHS, seed.size, seed.size, rng.randrange(_LENGTH)))
     header = seed.content
     match rng.randrange(3):
         case 0:

@@ -10,28 +10,25 @@ from fuzzing.mutations import mutated_bytes, mutated_text
 _CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 _QUADS = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (2, 3, 7, 6), (1, 2, 6, 5), (0, 4, 7, 3))
 _TRIANGLES = tuple(tuple(quad[i] for i in corners) for quad in _QUADS for corners in ((0, 1, 2), (0, 2, 3)))
-_NUMBERS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
+_NUMBERS = {"uchar": "B", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 
 
 def obj_seeds() -> list[InputFile]:
     """Cubes, and a concave polygon."""
     vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in _CORNERS)
-    quads = "".join("f " + " ".join(str(i + 1) for i in quad) + "\n" for quad in _QUADS)
-    triangles = "".join("f " + " ".join(str(i + 1) for i in triangle) + "\n" for triangle in _TRIANGLES)
+    quads, triangles = _obj_faces(_QUADS, "{i}"), _obj_faces(_TRIANGLES, "{i}")
     normals = "".join(f"vn {x - 0.5} {y - 0.5} {z - 0.5}\n" for x, y, z in _CORNERS)
     texture = "vt 0 0\nvt 1 0\nvt 1 1 0\nvt 0 1\n"
     files = {
         "quads": vertices + quads,
         "triangles": vertices + triangles,
-        "normals": vertices + normals + quads.replace("f ", "f ") + "".join(
-            "f " + " ".join(f"{i + 1}//{i + 1}" for i in triangle) + "\n" for triangle in _TRIANGLES),
-        "texture": vertices + texture + "".join(
-            "f " + " ".join(f"{i + 1}/{j + 1}" for j, i in enumerate(quad)) + "\n" for quad in _QUADS),
-        "all": "# made\nmtllib cube.mtl\no cube\n" + vertices + texture + normals + "g side\nusemtl red\ns 1\n" + "".join(
-            "f " + " ".join(f"{i + 1}/{j + 1}/{i + 1}" for j, i in enumerate(quad)) + "\n" for quad in _QUADS),
+        "normals": vertices + normals + _obj_faces(_TRIANGLES, "{i}//{i}"),
+        "texture": vertices + texture + _obj_faces(_QUADS, "{i}/{j}"),
+        "all": "# made\nmtllib cube.mtl\no cube\n" + vertices + texture + normals + "g side\nusemtl red\ns 1\n"
+        + _obj_faces(_QUADS, "{i}/{j}/{i}"),
         "relative": vertices + "f -8 -5 -6 -7\nf -4 -3 -2 -1\n" + vertices + "f -8 -5 -6 -7\n",
         "two objects": "o a\n" + vertices + quads + "o b\n" + vertices.replace("v ", "v 2")
-        + "".join("f " + " ".join(str(i + 9) for i in quad) + "\n" for quad in _QUADS),
+        + _obj_faces([[i + len(_CORNERS) for i in quad] for quad in _QUADS], "{i}"),
         "concave": "v 0 0 0\nv 2 1 0\nv 0 2 0\nv .7 1 0\nf 1 2 3 4\n",
         "colours": "".join(f"v {x} {y} {z} 1 0 .5\n" for x, y, z in _CORNERS) + triangles,
         "weights": "".join(f"v {x} {y} {z} 1.0\n" for x, y, z in _CORNERS) + triangles,
@@ -73,6 +70,11 @@ def ply_mutated(content: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
     return header + (mutated_text if ascii_body else mutated_bytes)(body, rng, others)
 
 
+def _obj_faces(faces: Sequence[Sequence[int]], corner: str) -> str:
+    """Lines of faces; a corner is written from i, its vertex, and j, its place in the face, both counted from 1."""
+    return "".join(f"f {' '.join(corner.format(i=i + 1, j=j + 1) for j, i in enumerate(face))}\n" for face in faces)
+
+
 def _ply(
     kind: str,
     faces: Sequence[Sequence[int]],
@@ -94,8 +96,10 @@ def _ply(
         row += [("float", x - 0.5) for x in corner] if normals else []
         rows.append(row + ([("uchar", 200)] * 3 if more else []))
     for face in faces:
-        rows.append([(count, len(face)), *((index, i) for i in face)] + ([("uchar", 1)] if more else []))
-    rows += [[("int", 0), ("int", 1)]] if more else []
+        row = [(count, len(face)), *((index, i) for i in face)]
+        rows.append(row + ([("uchar", 1)] if more else []))
+    if more:
+        rows.append([("int", 0), ("int", 1)])
     header = "\n".join([*lines, "end_header\n"]).encode()
     if kind == "ascii":
         return header + "".join(" ".join(f"{value:g}" for _, value in row) + "\n" for row in rows).encode()

@@ -20,9 +20,9 @@ _NAMES = (
     b"multiView", b"whiteLuminance", b"adoptedNeutral", b"maxSamplesPerPixel",
 )  # fmt: skip
 _TYPES = (
-    b"box2i", b"box2f", b"chlist", b"compression", b"chromaticities", b"double", b"envmap", b"float", b"int", b"keycode",
-    b"lineOrder", b"m33f", b"m44f", b"preview", b"rational", b"string", b"stringvector", b"tiledesc", b"timecode", b"v2i",
-    b"v2f", b"v3i", b"v3f", b"unknown",
+    b"box2i", b"box2f", b"chlist", b"compression", b"chromaticities", b"double", b"envmap", b"float", b"int",
+    b"keycode", b"lineOrder", b"m33f", b"m44f", b"preview", b"rational", b"string", b"stringvector", b"tiledesc",
+    b"timecode", b"v2i", b"v2f", b"v3i", b"v3f", b"unknown",
 )  # fmt: skip
 
 Attribute = tuple[bytes, bytes, bytes]
@@ -39,7 +39,7 @@ def seeds() -> list[InputFile]:
 
         def write(name: str, *parts: tuple[Mapping[str, Any], Mapping[str, Any]]) -> None:
             try:
-                made = [exr.Part(dict(header), dict(channels), f"part {i}") for i, (header, channels) in enumerate(parts)]
+                made = [exr.Part(dict(part[0]), dict(part[1]), f"part {i}") for i, part in enumerate(parts)]
                 with exr.File(made) if len(made) > 1 else exr.File(*map(dict, parts[0])) as file:
                     file.write(str(path))
                 files[name] = path.read_bytes()
@@ -78,14 +78,19 @@ def seeds() -> list[InputFile]:
         deep = np.empty((4, 4), object)
         for i in np.ndindex(deep.shape):
             deep[i] = np.arange(sum(i) % 3 + 1, dtype=np.float32)
-        for kind, header in (("deep lines", {"type": exr.deepscanline}), ("deep tiles", {**tiles, "type": exr.deeptile})):
-            write(kind, ({**header, "compression": exr.ZIPS_COMPRESSION}, {name: deep for name in "RGBAZ"}))
+        for storage in (exr.deepscanline, exr.deeptile):
+            header = {
+                **(tiles if storage == exr.deeptile else {}),
+                "type": storage,
+                "compression": exr.ZIPS_COMPRESSION,
+            }
+            write(storage.name, (header, dict.fromkeys("RGBAZ", deep)))
     files["luminance and chroma"] = _luminance_and_chroma()
     return [InputFile(name, ".exr", content) for name, content in files.items()]
 
 
 def mutated(content: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
-    """Change attributes of the header, offsets moved with it, so that decoders are reached; or what stands behind it."""
+    """Change attributes of the header, with offsets that go along, so that decoders are reached; or what follows it."""
     version, headers, end = _parsed(content)
     body = content[end:]
     if rng.random() < 0.3:
@@ -214,7 +219,7 @@ def _moved_window(value: bytes, rng: Random) -> bytes:
 
 
 def _mutated_channels(value: bytes, rng: Random) -> bytes:
-    """One channel of a list (name, pixel type, linear, x and y sampling) left out, doubled, renamed, or made another."""
+    """One channel of a list (name, pixel type, linear, x and y sampling) left out, doubled, renamed or made another."""
     channels, at = [], 0
     while value[at] != 0:
         name = value[at : value.index(b"\0", at)]
@@ -227,7 +232,7 @@ def _mutated_channels(value: bytes, rng: Random) -> bytes:
         case 1:
             channels.insert(where, list(channels[where]))
         case 2:
-            channels[where][0] = rng.choice((b"R", b"G", b"B", b"A", b"Y", b"RY", b"r", b"a.R", b"\x1b[1m", b"N" * 255, b"."))
+            channels[where][0] = rng.choice((*b"R G B A Y RY r a.R . \x1b[1m".split(), b"N" * 255))
         case 3:
             channels[where][1] = rng.choice((0, 1, 2, 3, 255, (1 << 32) - 1))
         case _:

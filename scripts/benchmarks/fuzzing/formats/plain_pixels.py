@@ -9,6 +9,7 @@ import numpy as np
 from fuzzing.files import InputFile
 from fuzzing.mutations import mutated_bytes, mutated_text
 
+_TYPES = ("f2", "<f4", ">f4", "<f8", "u1", "u2", "c8")
 _LONGEST_HEADER = 4096
 
 
@@ -38,7 +39,7 @@ def pfm_mutated(content: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
 def npy_seeds() -> list[InputFile]:
     """Both layouts, several types, both orders, every version of the format; one that only pickle reads."""
     pixels = np.random.default_rng(0).random((8, 16, 3))
-    arrays: dict[str, np.ndarray] = {dtype: pixels.astype(dtype) for dtype in ("f2", "<f4", ">f4", "<f8", "u1", "u2", "c8")}
+    arrays: dict[str, np.ndarray] = {dtype: pixels.astype(dtype) for dtype in _TYPES}
     arrays |= {
         "channels first": pixels.transpose(2, 0, 1).astype("f4"), "Fortran's order": np.asfortranarray(pixels, "f4"),
         "grey": pixels[..., 0].astype("f4"), "alpha": np.ones((8, 16, 4), "f4"), "square": pixels[:, :8].astype("f4"),

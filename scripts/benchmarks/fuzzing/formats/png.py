@@ -22,8 +22,11 @@ Chunk = tuple[bytes, bytes]
 
 def profile() -> bytes:
     """A small ICC profile: matrix and gamma, as cameras write it."""
-    entries = {b"rXYZ": _xyz(0.436, 0.222, 0.014), b"gXYZ": _xyz(0.385, 0.717, 0.097), b"bXYZ": _xyz(0.143, 0.061, 0.714),
-               b"wtpt": _xyz(0.9642, 1.0, 0.8249), b"rTRC": b"curv\0\0\0\0\0\0\0\x01\x02\x33\0\0"}  # fmt: skip
+    entries = {
+        b"rXYZ": _xyz(0.436, 0.222, 0.014), b"gXYZ": _xyz(0.385, 0.717, 0.097), b"bXYZ": _xyz(0.143, 0.061, 0.714),
+        b"wtpt": _xyz(0.9642, 1.0, 0.8249),
+        **dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), b"curv\x00\x00\x00\x00\x00\x00\x00\x01\x023\x00\x00"),
+    }  # fmt: skip
     table, contents, at = b"", b"", 128 + 4 + 12 * len(entries)
     for name, value in entries.items():
         table += name + struct.pack(">II", at + len(contents), len(value))
@@ -58,15 +61,13 @@ def seeds() -> list[InputFile]:
         files[f"{meta[0].decode()} {i} and alpha"] = _file(6, 8 if i % 2 else 16, extra=(meta,))
     files["transparent palette"] = _file(3, 8, extra=((b"tRNS", bytes(range(200))),))
     files["transparent grey"] = _file(0, 16, extra=((b"tRNS", b"\0\7"),))
-    files["pixels in many chunks"] = _encoded(
-        [part for kind, held in _parsed(_file(2, 8)) for part in ([(kind, held[i : i + 9]) for i in range(0, len(held), 9)]
-         if kind == b"IDAT" else [(kind, held)])]
-    )  # fmt: skip
+    start, (kind, held), end = _parsed(_file(2, 8))
+    files["pixels in many chunks"] = _encoded([start, *((kind, held[i : i + 9]) for i in range(0, len(held), 9)), end])
     return [InputFile(name, ".png", content) for name, content in files.items()]
 
 
 def mutated(content: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
-    """Change a chunk, the list of chunks or the packed pixels; the checksums agree again, so that decoders are reached."""
+    """Change a chunk, the list of chunks or the packed pixels; checksums agree again, so that decoders are reached."""
     chunks = _parsed(content)
     where = rng.randrange(len(chunks))
     kind, held = chunks[where]
@@ -82,6 +83,7 @@ def mutated(content: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
         case 4:
             chunks.insert(where, rng.choice(_parsed(rng.choice(others))))
         case 5:
+            held = chunks[0][1]
             size = [packed_number(rng, 4, ">") if rng.random() < 0.5 else held[i : i + 4] for i in (0, 4)]
             chunks[0] = (b"IHDR", b"".join(size) + chunks[0][1][8:])
         case 6:
@@ -89,8 +91,8 @@ def mutated(content: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
             header[rng.randrange(8, 13)] = rng.choice((0, 1, 2, 3, 4, 6, 8, 16, 32, 255))
             chunks[0] = (b"IHDR", bytes(header))
         case 7:
-            size = [struct.pack(">I", max(rng.choice(WHOLE_NUMBERS) % (1 << rng.randrange(4, 32)), 1)) for _ in range(2)]
-            chunks[0] = (b"IHDR", b"".join(size) + chunks[0][1][8:])
+            sides = [max(rng.choice(WHOLE_NUMBERS) % (1 << rng.randrange(4, 32)), 1) for _ in range(2)]
+            chunks[0] = (b"IHDR", struct.pack(">2I", *sides) + chunks[0][1][8:])
         case _:
             at = next(i for i, (name, _) in enumerate(chunks) if name in (b"IDAT", b"iCCP", b"zTXt"))
             name, held = chunks[at]
@@ -143,5 +145,6 @@ def _encoded(chunks: Sequence[Chunk], wrong: int | None = None) -> bytes:
     """The file; `wrong` counts the chunk whose checksum does not agree."""
     encoded = _SIGNATURE
     for i, (kind, held) in enumerate(chunks):
-        encoded += struct.pack(">I", len(held)) + kind + held + struct.pack(">I", zlib.crc32(kind + held) ^ (i == wrong))
+        checksum = zlib.crc32(kind + held) ^ (i == wrong)
+        encoded += struct.pack(">I", len(held)) + kind + held + struct.pack(">I", checksum)
     return encoded

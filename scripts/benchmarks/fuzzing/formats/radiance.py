@@ -37,10 +37,9 @@ def seeds() -> list[InputFile]:
     }  # fmt: skip
     for first in "+-":
         for second in "+-":
-            files[f"{first}Y {second}X"] = _SIGNATURE + _FORMAT + f"\n{first}Y 4 {second}X 8\n".encode() + small.tobytes()
-            files[f"{first}X {second}Y"] = (
-                _SIGNATURE + _FORMAT + f"\n{first}X 32 {second}Y 16\n".encode() + _new_run_lengths(_pixels(32, 16))
-            )
+            upright, turned = f"\n{first}Y 4 {second}X 8\n", f"\n{first}X 32 {second}Y 16\n"
+            files[upright.strip()] = _SIGNATURE + _FORMAT + upright.encode() + small.tobytes()
+            files[turned.strip()] = _SIGNATURE + _FORMAT + turned.encode() + _new_run_lengths(_pixels(32, 16))
     made = [InputFile(name, ".hdr", content) for name, content in files.items()]
     return [*made, InputFile(".pic", ".pic", files["new run lengths"])]
 

@@ -13,7 +13,7 @@ from fuzzing.mutations import mutated_bytes, packed_number
 
 _ORIENTATION = 274
 _OPENCV_COMPRESSIONS = {"lzw": 5, "packbits": 32773, "deflate": 8}
-_TAGS = (256, 257, 258, 259, 262, 266, 273, 274, 277, 278, 279, 282, 284, 317, 320, 322, 323, 324, 325, 330, 338, 339, 34675)
+_TAGS = (256, 257, 258, 259, 262, 266, 273, 274, 277, 278, 279, 282, 284, 317, 320, 322, 323, 324, 325, 338, 339, 34675)
 
 
 def seeds() -> list[InputFile]:
@@ -26,7 +26,8 @@ def seeds() -> list[InputFile]:
     def write(name: str, pixels: np.ndarray, **options: Any) -> None:
         held = io.BytesIO()
         photometric = "rgb" if pixels.ndim == 3 else "minisblack"
-        with tifffile.TiffWriter(held, bigtiff=options.pop("bigtiff", False), byteorder=options.pop("byteorder", "<")) as file:
+        container = {key: options.pop(key) for key in ("bigtiff", "byteorder") if key in options}
+        with tifffile.TiffWriter(held, **container) as file:
             file.write(pixels, **{"photometric": photometric, "metadata": None, **options})
         files[name] = held.getvalue()
 
