@@ -213,9 +213,12 @@ def _fields(metadata: dict[str, str]) -> dict[str, Any]:
         raise ValueError(f"its metadata has no {absent[0]!r}")
     try:
         names = json.loads(metadata["names"])
-        coverage = float(metadata.get("normal_coverage", 1))
     except (ValueError, RecursionError):
-        names, coverage = None, math.nan
+        names = None
+    try:
+        coverage = float(metadata.get("normal_coverage", 1))
+    except ValueError:
+        coverage = math.nan
     if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
         raise ValueError("the names in its metadata must be a list of texts")
     if len(set(names)) < len(names):
