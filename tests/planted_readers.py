@@ -8,6 +8,7 @@ from random import Random
 
 import numpy as np
 
+import torchbrdf.light.probe
 from fuzzing.files import InputFile
 from fuzzing.readers import Reader
 
@@ -81,6 +82,10 @@ def does_not_find(path: Path) -> None:
     Path(f"{path}.gone").read_bytes()
 
 
+def says_which_package(path: Path) -> None:
+    raise TypeError(torchbrdf.light.probe.__file__)
+
+
 def _reader(planted: Callable[[Path], None]) -> Reader:
     def opened(path: Path) -> None:
         if b"bad" in path.read_bytes():
@@ -93,6 +98,6 @@ READERS = {
     planted.__name__: _reader(planted)
     for planted in (
         aborts, leaves, hangs, allocates, allocates_and_says_so, loads_once, is_modest, raises, exits, names_no_file,
-        says_two_lines, colours_the_terminal, refuses, does_not_find,
+        says_two_lines, colours_the_terminal, refuses, does_not_find, says_which_package,
     )
 }  # fmt: skip

@@ -24,6 +24,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+import torchbrdf
 from fuzzing.campaign import PATIENCE, Finding, Tally, run
 from fuzzing.files import InputFile
 from fuzzing.readers import READERS, Reader
@@ -49,6 +50,7 @@ def fuzz(options: argparse.Namespace) -> int:
         raise ValueError("workers are watched through /proc, which only Linux has; run this on Linux")
     if min(options.inputs, options.processes) < 1 or options.first < 0:
         raise ValueError("--inputs and --processes must be at least 1, and --first at least 0")
+    print(f"torchbrdf {torchbrdf.__version__} of {Path(torchbrdf.__file__).parent}\n")
     seeds: Seeds = {name: Reader.named(options.source, name).seeds() for name in options.reader}
     if options.files:
         seeds = _given(options.files, seeds)

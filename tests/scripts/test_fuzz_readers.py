@@ -1,5 +1,6 @@
 """A thousand mutated files a reader; and whether the watch sees readers that misbehave."""
 
+import multiprocessing.forkserver
 import sys
 import zlib
 from argparse import Namespace
@@ -10,6 +11,7 @@ import pytest
 
 import fuzz_readers as script
 import planted_readers
+import torchbrdf.light.probe
 from fuzzing.files import InputFile
 from fuzzing.formats import openexr, png
 from fuzzing.mutations import mutated, mutated_json
@@ -86,6 +88,21 @@ def test_sound_readers_pass(name: str, options: Namespace, capsys: pytest.Captur
     options.reader, options.inputs = [name], 50
     assert script.fuzz(options) == 0, capsys.readouterr().out
     assert not options.output.exists()
+
+
+def test_workers_read_with_the_package_of_the_watcher(
+    options: Namespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    """Whatever lies in the current folder."""
+    for module in ("__init__", "light/__init__", "light/probe"):
+        path = tmp_path / "torchbrdf" / f"{module}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    monkeypatch.chdir(tmp_path)
+    multiprocessing.forkserver._forkserver._stop()
+    options.reader = ["says_which_package"]
+    script.fuzz(options)
+    assert f"TypeError: {torchbrdf.light.probe.__file__}" in capsys.readouterr().out
 
 
 def test_a_saved_finding_is_found_again(options: Namespace, capsys: pytest.CaptureFixture):

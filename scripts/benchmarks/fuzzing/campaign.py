@@ -24,9 +24,17 @@ _MOST_RESIDENT = 3 << 30
 """Bytes of a worker at which it is ended, before the machine suffers."""
 
 _PRELOADED = (
-    "torch", "cv2", "OpenEXR", "trimesh", "scipy.spatial", "torchbrdf.images.image_files", "torchbrdf.light.probe",
-    "torchbrdf.view.mesh", "torchbrdf.view.normal_map", "torchbrdf.brdf.merl", "torchbrdf.transport.basis_images",
-)  # fmt: skip
+    "torch",
+    "safetensors.torch",
+    "cv2",
+    "OpenEXR",
+    "trimesh",
+    "scipy.spatial",
+    "scipy.sparse.csgraph",
+    "tqdm",
+)
+"""Modules of others: the server that forks workers looks for modules in the current folder before all others."""
+
 _CONTEXT = multiprocessing.get_context("forkserver")  # a worker that ended is replaced at once
 
 
