@@ -195,7 +195,18 @@ def test_the_state_of_another_bake_is_refused(library, probe, monkeypatch, tmp_p
     assert state.read_bytes() == before
 
 
-@pytest.mark.parametrize("damage", ["cut", "noise", "empty", "foreign", "basis", "tensor lost", "wrong shape"])
+LOST: dict[str, dict[str, torch.Tensor]] = {
+    "wrong shape": {"mean": torch.zeros(3, 2, 30)},
+    "wrong type": {"spread": torch.zeros(30)},
+    "one count": {"counts": torch.tensor(64)},
+    "no pass": {"counts": torch.tensor([0, 0])},
+    "more passes than samples": {"counts": torch.tensor([2, 3])},
+    "another tensor": {"more": torch.zeros(1)},
+    "not a number": {"spread": torch.full((30,), torch.nan, dtype=torch.float64)},
+}
+
+
+@pytest.mark.parametrize("damage", ["cut", "noise", "empty", "foreign", "basis", "tensor lost", *LOST])
 def test_a_damaged_state_is_refused(library, probe, monkeypatch, tmp_path, damage):
     state, arguments = tmp_path / "state", (library, probe, SphereView(8), 100, 6)
     interrupted(monkeypatch, 2, *arguments, state=state)
@@ -216,8 +227,8 @@ def test_a_damaged_state_is_refused(library, probe, monkeypatch, tmp_path, damag
         with safe_open(state, "pt") as file:
             metadata = file.metadata()
         changed = {key: tensor for key, tensor in tensors.items() if key != "counts"}
-        if damage == "wrong shape":
-            changed = {**tensors, "mean": tensors["mean"][:, :2].contiguous()}
+        if damage in LOST:
+            changed = tensors | LOST[damage]
         save_file(changed, state, metadata)
     with pytest.raises(ValueError, match=rf"^{re.escape(str(state))}: [^\n]*delete[^\n]*$"):
         bake_basis(*arguments, state=state)

@@ -187,14 +187,59 @@ class TestFiles:
             with pytest.raises(ValueError, match=r"b\.safetensors: not basis images of this version"):
                 BasisImages.load(path)
 
-    @pytest.mark.parametrize("damage", [{"names": "x"}, {"names": "5"}, {"normal_coverage": "x"}, {"library": None}])
-    def test_damaged_metadata(self, saved: Path, damage: dict[str, str | None]):
-        with safe_open(saved, "pt") as file:
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-            metadata = file.metadata() | damage
-        save_file(tensors, saved, {key: value for key, value in metadata.items() if value is not None})
-        with pytest.raises(ValueError, match=r"basis\.safetensors: damaged basis images .*; render the basis again"):
+    @pytest.mark.parametrize(
+        ("tensors", "metadata", "reason"),
+        [
+            ({"packe": torch.zeros(1)}, {}, "wrong or absent: 'packe'"),
+            ({"mask": None}, {}, "wrong or absent: 'mask'"),
+            (
+                {"packed": torch.zeros(6, 3, 4, dtype=torch.float16)},
+                {},
+                "packed must be torch.float32, got torch.float16",
+            ),
+            ({"mask": torch.ones(1, 2, 3)}, {}, "mask must be torch.bool, got torch.float32"),
+            ({"mask": torch.ones(2, 3, dtype=torch.bool)}, {}, r"mask must be \(1, H, W\) of bytes 0 and 1"),
+            ({"mask": torch.zeros(1, 2, 3, dtype=torch.bool)}, {}, "some of them 1"),
+            (
+                {"mask": torch.tensor([[[1, 0, 2], [1, 1, 0]]], dtype=torch.uint8).view(torch.bool)},
+                {},
+                "mask must be .* bytes 0 and 1",
+            ),
+            ({"packed": torch.full((6, 3, 4), torch.nan)}, {}, "packed holds NaN or infinite values"),
+            ({"relative_errors": torch.full((6,), torch.inf)}, {}, "relative_errors holds NaN or infinite values"),
+            ({"packed": torch.zeros(6, 3, 5)}, {}, r"packed must be \(6, 3, 4\) for these names"),
+            ({}, {"names": None}, "its metadata has no 'names'"),
+            ({}, {"library": None}, "its metadata has no 'library'"),
+            ({}, {"names": '["a",'}, "names in its metadata must be a list of texts"),
+            ({}, {"names": '["a", 2]'}, "names in its metadata must be a list of texts"),
+            ({}, {"names": "[" * 10000}, "names in its metadata must be a list of texts"),
+            ({}, {"names": '["a", "a"]'}, "two materials in its metadata have the same name"),
+            ({}, {"normal_coverage": "0x7f"}, "normal_coverage in its metadata must be 0 to 1"),
+            ({}, {"normal_coverage": "nan"}, "normal_coverage in its metadata must be 0 to 1"),
+            ({}, {"normal_coverage": "1.5"}, "normal_coverage in its metadata must be 0 to 1"),
+        ],
+    )
+    def test_damaged_contents_are_refused_by_name(
+        self, tmp_path: Path, tensors: dict[str, object], metadata: dict[str, object], reason: str
+    ):
+        path = tmp_path / "b.safetensors"
+        small(relative_errors=torch.zeros(6)).save(path)
+        with safe_open(path, "pt") as file:
+            held = {key: file.get_tensor(key) for key in list(file.keys())} | tensors
+            texts = file.metadata() | metadata
+        save_file(
+            {key: tensor for key, tensor in held.items() if tensor is not None},
+            path,
+            {key: text for key, text in texts.items() if text is not None},
+        )
+        with pytest.raises(ValueError, match=rf"^[^\n]*b\.safetensors: damaged basis images: [^\n]*{reason}[^\n]*$"):
+            BasisImages.load(path)
+
+    def test_what_a_damaged_header_says_is_not_repeated(self, saved: Path):
+        saved.write_bytes(saved.read_bytes().replace(b'"F32"', b'"\x1b[1"'))
+        with pytest.raises(ValueError, match=r"basis\.safetensors: not basis images \(truncated, damaged") as caught:
             BasisImages.load(saved)
+        assert str(caught.value).isprintable()
 
     def test_failed_save_keeps_the_old_file(self, basis: BasisImages, saved: Path, monkeypatch: pytest.MonkeyPatch):
         def interrupted(*_: object) -> None:

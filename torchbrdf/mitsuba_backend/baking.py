@@ -85,21 +85,20 @@ class BakedSum:
             with safe_open(path, "pt") as file:
                 metadata = file.metadata() or {}
                 tensors = {key: file.get_tensor(key) for key in list(file.keys())}
-        except SafetensorError as error:
-            raise ValueError(f"{path}: not the state of a bake: {error}; delete it to start anew") from None
+        except SafetensorError:
+            raise ValueError(f"{path}: not the state of a bake (truncated, damaged); delete it to start anew") from None
         if metadata.get("format") != _FORMAT or metadata.get("identity") != identity:
             raise ValueError(
                 f"{path}: the state of another bake (other probe, view, library, samples or seed); "
                 "finish that one, or delete the file to start anew"
             )
-        try:
-            samples, passes = tensors["counts"].tolist()
-            found = cls(tensors["mean"], tensors["spread"], samples, passes)
-        except (KeyError, ValueError) as error:
-            raise ValueError(f"{path}: not the state of a bake: {error}; delete it to start anew") from None
-        if found.mean.shape != shape or found.spread.shape != shape[2:]:
-            raise ValueError(f"{path}: damaged, its images are {tuple(found.mean.shape)}; delete it to start anew")
-        return found
+        expected = {"mean": (torch.float32, shape), "spread": (torch.float64, shape[2:]), "counts": (torch.int64, (2,))}
+        kinds = {key: (tensor.dtype, tuple(tensor.shape)) for key, tensor in tensors.items()}
+        finite = all(bool(torch.isfinite(tensor).all()) for tensor in tensors.values())
+        if kinds != expected or not finite or not 1 <= tensors["counts"][1] <= tensors["counts"][0]:
+            raise ValueError(f"{path}: damaged, not what an interrupted bake leaves; delete it to start anew")
+        samples, passes = tensors["counts"].tolist()
+        return cls(tensors["mean"], tensors["spread"], samples, passes)
 
 
 def _energy(images: Tensor) -> Tensor:

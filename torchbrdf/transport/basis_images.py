@@ -1,9 +1,11 @@
 """Basis images Y: what every basis BRDF looks like under one light from one view [CBP21, eqs. 4-5]."""
 
 import json
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -21,6 +23,7 @@ FEWEST_NORMALS = 0.15
 _AGAIN = "render the basis again (`torchbrdf bake`)"
 _FORMAT = "torchbrdf basis images 1"
 _ORIGIN = ("library", "probe", "view", "description")
+_TYPES = {"packed": torch.float32, "mask": torch.bool, "relative_errors": torch.float32}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -167,17 +170,13 @@ class BasisImages:
                 if metadata.get("format") != _FORMAT:
                     raise ValueError(f"{path}: not basis images of this version ({_FORMAT!r}); {_AGAIN}")
                 tensors = {key: file.get_tensor(key) for key in list(file.keys())}
-        except SafetensorError as error:
-            raise ValueError(f"{path}: not basis images: {error}") from None
+        except SafetensorError:
+            raise ValueError(f"{path}: not basis images (truncated, damaged or another format)") from None
         try:
-            basis = cls(
-                **tensors,
-                names=tuple(json.loads(metadata["names"])),
-                normal_coverage=float(metadata.get("normal_coverage", 1)),
-                **{key: metadata[key] for key in _ORIGIN},
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path}: damaged basis images ({error}); {_AGAIN}") from None
+            _check_tensors(tensors)
+            basis = cls(**tensors, **_fields(metadata))
+        except ValueError as error:
+            raise ValueError(f"{path}: damaged basis images: {error}; {_AGAIN}") from None
         expected = {
             "library": library is None or (library.source, library.names) == (basis.library, basis.names),
             "light probe": probe is None or probe.fingerprint == basis.probe,
@@ -187,3 +186,42 @@ class BasisImages:
             if not matches:
                 raise ValueError(f"{path}: rendered with another {what}; {_AGAIN} with this one")
         return basis
+
+
+def _check_tensors(tensors: dict[str, Tensor]) -> None:
+    """Raise ValueError where these are not what `save` writes; how they fit together is checked by BasisImages."""
+    strange = sorted(tensors.keys() - _TYPES.keys()) or sorted({"packed", "mask"} - tensors.keys())
+    if strange:
+        raise ValueError(
+            f"expected the tensors packed, mask and perhaps relative_errors; wrong or absent: {strange[0]!r}"
+        )
+    for key, tensor in tensors.items():
+        if tensor.dtype != _TYPES[key]:
+            raise ValueError(f"{key} must be {_TYPES[key]}, got {tensor.dtype}")
+        if tensor.is_floating_point() and not torch.isfinite(tensor).all():
+            raise ValueError(f"{key} holds NaN or infinite values")
+    mask = tensors["mask"]
+    if mask.ndim != 3 or mask.shape[0] != 1 or not mask.any() or int(mask.view(torch.uint8).max()) > 1:
+        raise ValueError(f"mask must be (1, H, W) of bytes 0 and 1, some of them 1, got {tuple(mask.shape)}")
+
+
+def _fields(metadata: dict[str, str]) -> dict[str, Any]:
+    """What `save` put into the metadata, as arguments of BasisImages; ValueError where something else is there."""
+    absent = [key for key in ("names", *_ORIGIN) if key not in metadata]
+    if absent:
+        raise ValueError(f"its metadata has no {absent[0]!r}")
+    try:
+        names = json.loads(metadata["names"])
+    except (ValueError, RecursionError):
+        names = None
+    try:
+        coverage = float(metadata.get("normal_coverage", 1))
+    except ValueError:
+        coverage = math.nan
+    if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
+        raise ValueError("the names in its metadata must be a list of texts")
+    if len(set(names)) < len(names):
+        raise ValueError("two materials in its metadata have the same name")
+    if not 0 <= coverage <= 1:
+        raise ValueError("normal_coverage in its metadata must be 0 to 1")
+    return {"names": tuple(names), "normal_coverage": coverage, **{key: metadata[key] for key in _ORIGIN}}

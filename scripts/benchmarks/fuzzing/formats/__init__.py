@@ -1,0 +1,1 @@
+"""One module a format: `SEEDS`, a function to sound files of many flavours, and `mutated`, which knows the format."""
