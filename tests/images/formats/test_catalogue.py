@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from picture_files import picture, png_of, rgb, write_exr
 
+from picture_files import picture, png_of, rgb, write_exr
 from torchbrdf.images import read_image, write_image
 from torchbrdf.images.formats import read_stored
 
