@@ -75,7 +75,7 @@ def as_orientation(upright: np.ndarray, orientation: int) -> np.ndarray:
     }[orientation](upright)
 
 
-def disc(height: int = 40, width: int = 50, row: float = 19.0, column: float = 22.0, radius: float = 12.0) -> np.ndarray:
+def disc(height: int = 40, width: int = 50, row: float = 19, column: float = 22, radius: float = 12) -> np.ndarray:
     """(H, W) bool."""
     rows, columns = np.mgrid[:height, :width]
     return (rows - row) ** 2 + (columns - column) ** 2 < radius**2

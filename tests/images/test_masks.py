@@ -103,7 +103,7 @@ def test_a_palette_that_names_one_class(tmp_path):
 @pytest.mark.parametrize("other", [(0, 0, 255), (255, 255, 0), (255, 255, 255), (60, 0, 0)])
 def test_two_colours_are_refused(png_mask, other):
     pixels = coloured((255, 0, 0)) + coloured(other, disc(column=42.0, radius=7.0) & ~DISC)
-    with pytest.raises(ValueError, match="several (colours|things)"):
+    with pytest.raises(ValueError, match=r"several (colours|things)"):
         png_mask(pixels)
 
 

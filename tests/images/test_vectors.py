@@ -20,7 +20,8 @@ def test_numbers_are_as_they_are_stored_whatever_colours_the_file_names(tmp_path
 def test_integers_are_over_their_full_scale(tmp_path):
     pixels = np.arange(18, dtype="u2").reshape(2, 3, 3) * 3000
     (tmp_path / "a.png").write_bytes(png_of(pixels))
-    torch.testing.assert_close(read_vectors(tmp_path / "a.png"), torch.from_numpy(pixels / 65535).permute(2, 0, 1).float())
+    expected = torch.from_numpy(pixels / 65535).permute(2, 0, 1).float()
+    torch.testing.assert_close(read_vectors(tmp_path / "a.png"), expected)
 
 
 def test_one_number_a_pixel_is_no_vector(tmp_path):

@@ -95,7 +95,7 @@ def test_bad_writes(tmp_path):
 
 
 def test_exr_metadata_round_trip(tmp_path):
-    metadata = {"material": "grün, {\"a\": 1}\nsecond line", "empty": "", "k" * 31: "v" * 10_000}
+    metadata = {"material": 'grün, {"a": 1}\nsecond line', "empty": "", "k" * 31: "v" * 10_000}
     write_image(tmp_path / "a.exr", picture(), metadata)
     assert read_metadata(tmp_path / "a.exr") == metadata
     assert torch.equal(read_image(tmp_path / "a.exr"), picture())

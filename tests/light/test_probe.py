@@ -662,7 +662,7 @@ def test_bad_maps(radiance, message):
 
 def test_bad_files(tmp_path):
     path = tmp_path / "p.exr"
-    with pytest.raises(FileNotFoundError, match=r"p\.exr: no such file$"):
+    with pytest.raises(FileNotFoundError, match=r"p\.exr: no such file; expected an image \(\.exr\)$"):
         LightProbe.open(path)
     write_image(path, torch.ones(3, 6, 9))
     message = f"light probe {path} must be lat-long (width = 2 x height), got 6 x 9; crop or"

@@ -40,14 +40,14 @@ def test_alpha(path):
 @pytest.mark.parametrize("shape", [(3, 5, 3), (3, 7, 4), (1, 6, 3), (4, 4, 4), (3, 3, 3)])
 def test_shapes_of_two_meanings(path, shape):
     np.save(path, np.ones(shape, "f4"))
-    with pytest.raises(ValueError, match=r"a\.npy: has shape \(.*\), whose channels are its first or its last axis; write it as \.exr$"):
+    with pytest.raises(ValueError, match=r"a\.npy: has shape .*: its first or its last axis may be the channels"):
         read_image(path)
 
 
 @pytest.mark.parametrize("shape", [(), (12,), (5, 7, 2), (6, 5, 7), (2, 3, 5, 7)])
 def test_shapes_without_channels(path, shape):
     np.save(path, np.ones(shape, "f4"))
-    with pytest.raises(ValueError, match=r"a\.npy: has shape \(.*\); a picture needs \(H, W, 3\) or \(3, H, W\), a mask"):
+    with pytest.raises(ValueError, match=r"a\.npy: has shape .*; a picture needs \(H, W, 3\) or \(3, H, W\), a mask"):
         read_image(path)
 
 

@@ -159,7 +159,7 @@ def test_several_pictures_are_listed(path):
     with pytest.raises(ValueError, match=r"a\.exr: has no layer 'specular'; it has beauty, diffuse$"):
         read_image(path, layer="specular")
     write_exr_parts(path, {"left": rgb(values), "right": {**rgb(values + 1), **rgb(values + 2, "fog.")}})
-    with pytest.raises(ValueError, match="of left, right, right.fog$"):
+    with pytest.raises(ValueError, match=r"of left, right, right\.fog$"):
         read_image(path)
     for add, label in enumerate(("left", "right", "right.fog")):
         assert np.array_equal(read_image(path, layer=label), values + np.float32(add))
@@ -168,7 +168,7 @@ def test_several_pictures_are_listed(path):
 def test_colours_under_two_kinds_of_names_are_two_pictures(path):
     values = picture().numpy()
     write_exr(path, {**rgb(values, names="rgb"), **rgb(values + 1, names=("red", "green", "blue"))})
-    with pytest.raises(ValueError, match="of rgb, redgreenblue$"):
+    with pytest.raises(ValueError, match=r"of rgb, redgreenblue$"):
         read_image(path)
     assert np.array_equal(read_image(path, layer="redgreenblue"), values + 1)
 
@@ -182,12 +182,12 @@ def test_files_without_colours(path):
     with pytest.raises(ValueError, match=r"a\.exr: expected R, G, B channels, got \['X', 'Z'\]$"):
         read_image(path)
     write_exr(path, {"X": plane, "Y": plane, "Z": plane})
-    with pytest.raises(ValueError, match="got .*; X, Y, Z may be vectors or CIE XYZ: write R, G, B$"):
+    with pytest.raises(ValueError, match=r"got .*; X, Y, Z may be vectors or CIE XYZ: write R, G, B$"):
         read_image(path)
     write_exr_parts(path, {"a": {"Y": plane}, "b": {"A": plane}})
     with pytest.raises(ValueError, match=r"got \['A', 'Y'\]$"):
         read_image(path)
-    with pytest.raises(ValueError, match="has no layer 'x'; it has none with R, G, B$"):
+    with pytest.raises(ValueError, match=r"has no layer 'x'; it has none with R, G, B$"):
         read_image(path, layer="x")
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def quiet_decoders() -> Iterator[None]:
-    """Drop what decoders print about a bad file, also from C, to descriptor 2: we raise one line."""
+    """Drop what OpenEXR, libpng and tifffile print about a bad file, also from C (descriptor 2): we raise one line."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:

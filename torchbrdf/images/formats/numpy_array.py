@@ -32,7 +32,8 @@ def _rows(path: Path, array: np.ndarray) -> np.ndarray:
     """(H, W, C)."""
     first, last = (array.ndim == 3 and array.shape[axis] in (1, 3, 4) for axis in (0, 2))
     if first and last:
-        raise ValueError(f"{path}: has shape {array.shape}, whose first or last axis may be the channels; write .exr")
+        what = f"has shape {array.shape}: its first or its last axis may be the channels"
+        raise ValueError(f"{path}: {what}; write it as .exr")
     if array.ndim == 2:
         array = array[..., None]
     elif first:

@@ -57,8 +57,9 @@ def _only_page(file: TiffFile) -> TiffPage:
     """The page of the picture; previews are marked as such."""
     import tifffile
 
-    pages = [page for page in file.pages if isinstance(page, tifffile.TiffPage) and not page.is_reduced]
-    if not pages:
+    every = [page for page in file.pages if isinstance(page, tifffile.TiffPage)]
+    pages = [page for page in every if not page.is_reduced]
+    if every and not pages:
         raise _Refusal("holds previews alone, as cameras' raw files do; develop it to a linear .exr or .tif")
     if len(pages) > 1:
         raise _Refusal(f"holds {len(pages)} pictures; write the one that is meant to a file of its own")
@@ -68,6 +69,11 @@ def _only_page(file: TiffFile) -> TiffPage:
 def _check_page(page: TiffPage) -> None:
     import tifffile
 
+    try:
+        tifffile.TIFF.DECOMPRESSORS[page.compression]
+    except KeyError:
+        name = getattr(page.compression, "name", page.compression)
+        raise _Refusal(f"is compressed in a way that is not read ({name}); save it with LZW or Deflate") from None
     if page.axes not in ("YX", "YXS", "SYX"):
         raise _Refusal(f"has axes {page.axes}; expected rows and columns of grey or R, G, B")
     kind = int(page.photometric)
