@@ -37,7 +37,7 @@ def test_layers_prefer_measured_cells():
     assert (texture[:, 5, 50, 0] * scale).tolist() == pytest.approx([0.5 / np.pi] * LAYERS, rel=1e-3)
 
 
-@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e9])
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
 def test_no_peak_is_too_high(factor):
     table = MerlTable.from_function(glossy((0.01, 0.01, 0.005), (0.9, 0.7, 0.3), 0.005))
     texture, scale = brdf_texture(replace(table, values=factor * table.values))

@@ -121,4 +121,4 @@ def test_the_field_of_view_is_that_of_the_whole_photograph(fit, photo):
     """For a ball at the side of the picture the command says what it leaves out."""
     _, lines, errors = fit(photo, "--circle", 44, 27, 24, "--fov", 60)
     assert "radius 24.0 pixels, as given, 40.559 degrees across; " in lines[0]
-    assert "the ball is 6.4 degrees off the camera's axis" in errors[0]
+    assert "the ball is 6.3 degrees off the camera's axis" in errors[0]

@@ -9,10 +9,8 @@ from .display import (
     stops_for as stops_for,
     tone_map as tone_map,
 )
-from .formats import (
-    Window as Window,
-    readable_suffixes as readable_suffixes,
-)
+from .formats import Window as Window
+from .formats._catalogue import readable_suffixes as readable_suffixes
 from .masks import (
     Mask as Mask,
     open_mask as open_mask,

@@ -1,7 +1,4 @@
-from ._catalogue import (
-    read_stored as read_stored,
-    readable_suffixes as readable_suffixes,
-)
+from ._catalogue import read_stored as read_stored
 from ._quiet import quiet_decoders as quiet_decoders
 from ._stored import (
     Stored as Stored,
