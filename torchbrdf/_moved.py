@@ -1,4 +1,4 @@
-"""Deep paths that 0.6.0 documented: they work in 0.7, with a warning; 0.8 forgets them."""
+"""Deep paths that 0.6.0 documented: they work in 0.7 and 0.8, with a warning; 0.9 forgets them."""
 
 import sys
 import warnings
@@ -43,7 +43,7 @@ class MovedModules(MetaPathFinder, Loader):
         """Say where it is now."""
         old = module.__name__
         new = f"{__package__}.{MOVED[old.rpartition('.')[2]]}"
-        warnings.warn(f"{old} is now {new}; torchbrdf 0.8 forgets the old path", DeprecationWarning, stacklevel=2)
+        warnings.warn(f"{old} is now {new}; torchbrdf 0.9 forgets the old path", DeprecationWarning, stacklevel=2)
 
         def __getattr__(name: str) -> Any:
             return getattr(import_module(new), name)

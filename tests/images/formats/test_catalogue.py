@@ -92,5 +92,6 @@ def test_files_that_stand_in_for_others(tmp_path):
 
 def test_layers_are_of_openexr_alone(tmp_path):
     write(tmp_path / "a.hdr")
-    with pytest.raises(ValueError, match=r"a\.hdr: --layer \(layer= in Python\) is for \.exr files with several pictures; leave it out$"):
+    message = r"a\.hdr: --layer \(layer= in Python\) is for \.exr files with several pictures; leave it out$"
+    with pytest.raises(ValueError, match=message):
         read_image(tmp_path / "a.hdr", layer="beauty")
