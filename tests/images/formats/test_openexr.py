@@ -161,6 +161,12 @@ def test_several_pictures_are_listed(path):
     write_exr_parts(path, {"left": rgb(values), "right": {**rgb(values + 1), **rgb(values + 2, "fog.")}})
     with pytest.raises(ValueError, match=r"of left, right, right\.fog$"):
         read_image(path)
+    write_exr_parts(path, {"first": rgb(values, "fog."), "second": rgb(values)})
+    with pytest.raises(ValueError, match=r"of first\.fog, second$"):
+        read_image(path)
+    write_exr_parts(path, {"left": rgb(values), "right": {**rgb(values + 1), **rgb(values + 2, "fog.")}})
+    with pytest.raises(ValueError, match=r"of left, right, right\.fog$"):
+        read_image(path)
     for add, label in enumerate(("left", "right", "right.fog")):
         assert np.array_equal(read_image(path, layer=label), values + np.float32(add))
 
