@@ -101,6 +101,15 @@ def test_numbers_too_large_for_single_precision_are_infinite(path):
     assert torch.isposinf(read_vectors(path)).all()
 
 
+@pytest.mark.parametrize("place", range(8, 90, 3))
+def test_damaged_headers(path, place):
+    np.save(path, VALUES)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:place] + b"(" + whole[place + 1 :])
+    with pytest.raises(ValueError, match=r"a\.npy: "):
+        read_stored(path)
+
+
 def test_no_truncated_file_is_read(path):
     np.save(path, VALUES)
     whole = path.read_bytes()

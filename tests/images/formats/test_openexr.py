@@ -161,6 +161,12 @@ def test_several_pictures_are_listed(path):
     write_exr_parts(path, {"left": rgb(values), "right": {**rgb(values + 1), **rgb(values + 2, "fog.")}})
     with pytest.raises(ValueError, match=r"of left, right, right\.fog$"):
         read_image(path)
+    write_exr_parts(path, {"first": rgb(values, "fog."), "second": rgb(values)})
+    with pytest.raises(ValueError, match=r"of first\.fog, second$"):
+        read_image(path)
+    write_exr_parts(path, {"left": rgb(values), "right": {**rgb(values + 1), **rgb(values + 2, "fog.")}})
+    with pytest.raises(ValueError, match=r"of left, right, right\.fog$"):
+        read_image(path)
     for add, label in enumerate(("left", "right", "right.fog")):
         assert np.array_equal(read_image(path, layer=label), values + np.float32(add))
 
@@ -313,7 +319,31 @@ def test_no_truncated_file_is_read(path, compression, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_header_that_asks_for_terabytes_is_refused(path):
-    write_exr(path, rgb(np.zeros((3, 2, 2), "f4")), displayWindow=window(0, 0, 900_000, 900_000))
+@pytest.mark.parametrize("corner", [(900_000, 900_000), (16_711_688, 5), (5, 16_777_221)])
+def test_windows_that_cannot_be_meant(path, corner):
+    write_exr(path, rgb(np.zeros((3, 2, 2), "f4")), displayWindow=window(0, 0, *corner))
+    size = f"{corner[0] + 1} x {corner[1] + 1}"
+    with pytest.raises(ValueError, match=rf"a\.exr: not a readable .* \(its windows claim 2 x 2 and {size} "):
+        read_image(path)
+
+
+def test_names_of_channels_that_are_no_text(path):
+    write_exr(path, rgb(np.zeros((3, 2, 2), "f4")))
+    path.write_bytes(path.read_bytes().replace(b"G\0", b"\x80\0", 1))
     with pytest.raises(ValueError, match=r"a\.exr: not a readable OpenEXR image"):
         read_image(path)
+
+
+def test_a_data_window_that_the_file_cannot_hold(path):
+    write_exr(path, rgb(np.zeros((3, 2, 2), "f4")), dataWindow=window(0, 0, 1, 1))
+    box = np.array([0, 0, 1, 1], "<i4").tobytes()
+    path.write_bytes(path.read_bytes().replace(box, np.array([0, 0, 9999, 9999], "<i4").tobytes()))
+    with pytest.raises(ValueError, match=r"a\.exr: not a readable OpenEXR image \(its windows claim 10000 x 10000"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("compression", ["DWAB", "ZIP", "PIZ"])
+def test_black_pictures_are_small_files(path, compression):
+    black = np.zeros((2048, 2048), "f2")
+    write_exr(path, {"Y": black}, compression=getattr(OpenEXR, f"{compression}_COMPRESSION"))
+    assert not open_mask(path).marked.any()

@@ -20,6 +20,12 @@ SIGNATURES = (b"\x76\x2f\x31\x01",)
 _ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 """What the library raises for damaged files."""
 
+_MOST_PIXELS_A_BYTE = 1 << 13
+"""Of a black picture in DWAB, 2100; in the others less."""
+_LARGE = 1 << 25
+_SHOWN_A_RECORDED = 64
+"""A display window beyond `_LARGE` pixels must be filled by more than the 64th part."""
+
 _CASES = (str.lower, str.title, str.upper)
 _COLOURS = (("R", "G", "B"), ("r", "g", "b"), *((case("red"), case("green"), case("blue")) for case in _CASES))
 _VECTORS = (("X", "Y", "Z"), ("x", "y", "z"))
@@ -76,12 +82,15 @@ def read(path: Path, layer: str | None = None, vectors: bool = False, option: st
 
 
 def read_headers(path: Path) -> list[dict[str, Any]]:
-    """The attributes of every part."""
+    """The attributes of every part; of its channels the names."""
     import OpenEXR
 
     try:
         with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            return [dict(part.header) for part in file.parts]
+            headers = [dict(part.header) for part in file.parts]
+            return [
+                {**header, "channels": [channel.name for channel in header.get("channels", ())]} for header in headers
+            ]
     except _ERRORS:
         raise unreadable(path, KIND) from None
 
@@ -104,7 +113,7 @@ def _chosen(
     if found:
         cure = f"choose one: {option} NAME" if option else "write the one that is meant alone, or choose it"
         raise ValueError(f"{path}: holds several pictures; {cure} (layer= in Python) of {_listed(found)}")
-    names = sorted(name for i in flat for name in _names(headers[i]))
+    names = sorted(name for i in flat for name in headers[i]["channels"])
     greys = [name for name in names if name != "A"] or names
     if len(flat) == len(greys) == 1:
         return _Layer(greys[0], flat[0], tuple(greys), "A" if len(names) > 1 else None)
@@ -127,13 +136,9 @@ def _listed(layers: Sequence[_Layer]) -> str:
     return ", ".join(one.label for one in layers)
 
 
-def _names(header: Mapping[str, Any]) -> list[str]:
-    return [channel.name for channel in header.get("channels", ())]
-
-
 def _layers(part: int, headers: Sequence[Mapping[str, Any]], wanted: Sequence[tuple[str, ...]]) -> list[_Layer]:
     """All sets of channels that are named so, in one part, with a prefix or without."""
-    names = dict.fromkeys(_names(headers[part]))
+    names = headers[part]["channels"]
     prefixes = dict.fromkeys(name[: name.rfind(".") + 1] for name in names)
     of_part = str(headers[part].get("name", part)) if len(headers) > 1 else ""
     found = []
@@ -153,11 +158,18 @@ def _windows(path: Path, header: Mapping[str, Any]) -> tuple[Window, tuple[int, 
         data_min, data_max, view_min, view_max = (
             np.asarray(corner, dtype=np.int64) for corner in (*header["dataWindow"], *header["displayWindow"])
         )
-        data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
-        if min(*data_size, *view_size) < 1 or max(data_size.prod(), view_size.prod()) > MAX_PIXELS:
-            raise ValueError("size")
     except _ERRORS:
         raise unreadable(path, KIND) from None
+    data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
+    recorded, shown = data_size.prod(), view_size.prod()
+    if (
+        min(*data_size, *view_size) < 1
+        or max(recorded, shown) > MAX_PIXELS
+        or recorded > _MOST_PIXELS_A_BYTE * path.stat().st_size
+        or shown > max(_LARGE, _SHOWN_A_RECORDED * recorded)
+    ):
+        sizes = " and ".join(f"{width} x {height}" for width, height in (data_size, view_size))
+        raise unreadable(path, KIND, f"its windows claim {sizes} pixels")
     left, top = (data_min - view_min).tolist()
     return Window(left, top, int(data_size[0]), int(data_size[1])), (int(view_size[1]), int(view_size[0]))
 

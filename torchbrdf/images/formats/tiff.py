@@ -90,8 +90,6 @@ def _check_whole(page: TiffPage, size: int) -> None:
     counts = page.databytecounts
     ends = [offset + count for offset, count in zip(page.dataoffsets, counts, strict=True)]
     whole = len(ends) >= np.prod(page.chunked) and min(counts) > 0 and max(ends) <= size
-    if page.compression == 1:
-        whole = whole and np.prod(page.shape, dtype=float) * page.bitspersample <= 8 * sum(counts)
     if not whole or not 1 <= page.imagewidth * page.imagelength <= MAX_PIXELS:
         raise ValueError("truncated")
 
