@@ -118,3 +118,24 @@ def test_bad_metadata(tmp_path, name, metadata, message):
     with pytest.raises(ValueError, match=message):
         write_image(tmp_path / name, picture(), metadata)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".hdr"])
+@pytest.mark.parametrize("space", ["rec2020", "aces-ap1", "rec709"])
+def test_the_colour_space_is_named(tmp_path, suffix, space):
+    image = picture().clamp_min(5)
+    write_image(tmp_path / f"a{suffix}", image, primaries=space)
+    read = read_image(tmp_path / f"a{suffix}", primaries=space)
+    assert (read - image).abs().max() <= (0 if suffix == ".exr" else image.max() / 128)
+    if space != "rec709":
+        assert (read_image(tmp_path / f"a{suffix}") - image).abs().max() > 1
+
+
+def test_a_png_is_rec_709_for_screens(tmp_path):
+    """A colour that Rec. 2020 has in its own numbers, and grey, which is the same."""
+    image = torch.tensor([[0.6, 0.5], [0.5, 0.5], [0.4, 0.5]])[:, None]
+    write_image(tmp_path / "a.png", image, primaries="rec2020")
+    write_image(tmp_path / "b.png", image)
+    wide, plain = (read_image(tmp_path / name, allow_ldr=True)[:, 0] for name in ("a.png", "b.png"))
+    assert wide[0, 0] - wide[2, 0] > 1.2 * (plain[0, 0] - plain[2, 0])
+    torch.testing.assert_close(wide[:, 1], plain[:, 1])

@@ -8,6 +8,7 @@ from pathlib import Path
 from torchbrdf.alignment import Alignment, align
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.files import writing
+from torchbrdf.images import ColourSpace
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
 from torchbrdf.transport import BasisImages
@@ -44,8 +45,8 @@ def basis_of(found: Alignment) -> BasisImages:
     return replace(found.basis, probe=found.probe.fingerprint)
 
 
-def write(folder: Path, found: Alignment) -> None:
-    """Write alignment.json and aligned_probe.exr into a folder."""
+def write(folder: Path, found: Alignment, primaries: ColourSpace) -> None:
+    """Write alignment.json and aligned_probe.exr, in this colour space, into a folder."""
     record = {
         "rotation": found.rotation.tolist(),
         "degrees": found.angle,
@@ -58,4 +59,4 @@ def write(folder: Path, found: Alignment) -> None:
     }
     with writing(folder / "alignment.json") as path:
         path.write_text(json.dumps(record, indent=1) + "\n")
-    found.probe.save(folder / "aligned_probe.exr")
+    found.probe.save(folder / "aligned_probe.exr", primaries)

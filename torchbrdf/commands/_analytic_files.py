@@ -10,7 +10,7 @@ from torch import Tensor
 from torchbrdf.analytic import AnalyticFit
 from torchbrdf.brdf import MerlTable
 from torchbrdf.commands._options import STD
-from torchbrdf.images import exposure_for, write_image
+from torchbrdf.images import ColourSpace, exposure_for, write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
 from torchbrdf.view import SphereView
@@ -19,12 +19,14 @@ _SAMPLES = 1024
 """Of a pixel of the preview, on average."""
 
 
-def write_preview(path: Path, table: MerlTable, fits: list[AnalyticFit], probe: LightProbe, size: int) -> None:
+def write_preview(
+    path: Path, table: MerlTable, fits: list[AnalyticFit], probe: LightProbe, size: int, primaries: ColourSpace
+) -> None:
     """Spheres side by side under a probe: the table, and each fit; a .png at the exposure of the table's highlight."""
     view = SphereView(size)
     pictures = render_tables([table, *(fit.table for fit in fits)], probe, view, _SAMPLES)
     exposure = exposure_for(pictures[0], view.mask) if path.suffix.lower() == ".png" else 1.0
-    write_image(path, torch.cat(list(pictures), dim=-1) * exposure)
+    write_image(path, torch.cat(list(pictures), dim=-1) * exposure, primaries=primaries)
 
 
 def uncertainty_of(brdf: Path) -> Tensor | None:

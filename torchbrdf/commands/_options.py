@@ -104,7 +104,7 @@ def add_table(parser: argparse.ArgumentParser) -> None:
 
 def add_light(parser: argparse.ArgumentParser, required: bool = True, default: str | None = None) -> None:
     """`--probe` and how to read it."""
-    text = 'light probe, .exr or .hdr; "default" for the embedded one'
+    text = 'light probe, .exr or .hdr (or .tif, .pfm, .npy); "default" for the embedded one'
     parser.add_argument("--probe", required=required and default is None, default=default, help=text)
     add_reading(parser, "probe")
     text = "linear RGB of photograph, light and BRDF, to which files are converted; default: %(default)s"

@@ -12,7 +12,7 @@ from torchbrdf.brdf import MaterialLibrary, MerlTable
 from torchbrdf.commands._inputs import RESULT, about, open_view
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, Constraint, MaterialClasses, Penalty, Reconstruction
 from torchbrdf.files import writing
-from torchbrdf.images import write_image
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import (
     LARGEST_DEFAULT_SIZE,
@@ -154,13 +154,18 @@ def fit(
 
 
 def write_results(
-    folder: Path, fitted: Fit, probe: LightProbe, library: MaterialLibrary, settings: dict[str, str]
+    folder: Path,
+    fitted: Fit,
+    probe: LightProbe,
+    library: MaterialLibrary,
+    settings: dict[str, str],
+    primaries: ColourSpace = DEFAULT_SPACE,
 ) -> None:
     """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; warns of all that the report does."""
     fitted.table.save(folder / RESULT)
-    write_image(folder / "fitted.exr", fitted.image)
+    write_image(folder / "fitted.exr", fitted.image, primaries=primaries)
     with writing(folder / "weights.json") as path:
-        path.write_text(json.dumps(weights_record(fitted), indent=1) + "\n")
+        path.write_text(json.dumps({**weights_record(fitted), "primaries": primaries}, indent=1) + "\n")
     seen = fitted.observation
     subject = Subject(seen.image, seen.mask, fitted.result, fitted.basis, library, probe, fitted.view)
     description = settings | {

@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
             if wanted.caution:
                 print(f"caution: {wanted.caution}")
         if preview and probe:
-            write_preview(preview, table, fits, probe, options.size)
+            write_preview(preview, table, fits, probe, options.size, options.primaries)
     for path in filter(None, (options.output, options.preview)):
         print(f"wrote {path}")
     return 0

@@ -13,7 +13,8 @@ _ONLY_WITH_ALIGN = ("search", "blur", "exposure", "white_balance")
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is photographed, under which light, and how it is explained."""
-    parser.add_argument("photo", type=Path, help="linear HDR photograph of the ball or the shape, .exr or .hdr")
+    text = "linear HDR photograph of the ball or the shape: .exr, .hdr, .tif, .pfm or .npy"
+    parser.add_argument("photo", type=Path, help=text)
     add_light(parser)
     add_shape(parser)
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
@@ -61,11 +62,11 @@ def run(options: argparse.Namespace) -> int:
             found = _alignment.aligned(options, observation, probe, view, library)
             observation, probe = _alignment.divided(observation, found), found.probe
             basis = _alignment.basis_of(found)
-            _alignment.write(folder, found)
+            _alignment.write(folder, found, options.primaries)
             settings["alignment"] = str(found)
             written = f"alignment.json, aligned_probe.exr, {written}"
         fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
-        write_results(folder, fitted, probe, library, settings)
+        write_results(folder, fitted, probe, library, settings, options.primaries)
         if options.uncertainty:
             deviation = fitted.result.brdf_std(library).double()
             MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)

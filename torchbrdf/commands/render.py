@@ -28,6 +28,7 @@ def run(options: argparse.Namespace) -> int:
         probe = open_probe(options)
         table = open_table(options.brdf)
         image = render(table, probe, SphereView(options.size), options.samples)
-        write_image(temporary, image * options.exposure if options.output.suffix.lower() == ".png" else image)
+        exposure = options.exposure if options.output.suffix.lower() == ".png" else 1.0
+        write_image(temporary, image * exposure, primaries=options.primaries)
     print(f"wrote {options.output}")
     return 0

@@ -12,12 +12,20 @@ from torchbrdf.files import writing
 from torchbrdf.images.display import tone_map
 from torchbrdf.images.formats import quiet_decoders
 from torchbrdf.images.pictures import OWN_KEYS
+from torchbrdf.images.primaries import SPACES, converted
+from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace
 
 _SUFFIXES = (".exr", ".hdr", ".png")
 _LONGEST_KEY = 31  # of an OpenEXR attribute that every reader accepts
 
 
-def write_image(path: str | os.PathLike[str], image: Tensor, metadata: Mapping[str, str] | None = None) -> None:
+def write_image(
+    path: str | os.PathLike[str],
+    image: Tensor,
+    metadata: Mapping[str, str] | None = None,
+    *,
+    primaries: ColourSpace = DEFAULT_SPACE,
+) -> None:
     """Write an image; the suffix chooses the format.
 
     path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png
@@ -25,6 +33,7 @@ def write_image(path: str | os.PathLike[str], image: Tensor, metadata: Mapping[s
     image      (3, H, W) linear RGB; any device
     metadata   text to keep in the header, .exr only: `read_metadata` gives it back. Names of 1 to 31 characters,
                none of those that OpenEXR itself needs
+    primaries  the colour space of the image, which .exr and .hdr files then name; for .png it is converted to Rec. 709
     raises     ValueError for another shape or suffix, or metadata that the file cannot hold; OSError when the file
                cannot be written
     """
@@ -36,13 +45,24 @@ def write_image(path: str | os.PathLike[str], image: Tensor, metadata: Mapping[s
     pixels = image.detach().to("cpu", torch.float32).numpy()
     with writing(path) as temporary:
         if suffix == ".exr":
-            _write_exr(temporary, pixels, metadata or {})
+            _write_exr(temporary, pixels, {**(metadata or {}), **_named_colours(primaries)})
         elif suffix == ".png":
-            temporary.write_bytes(png_bytes(image))
+            temporary.write_bytes(png_bytes(converted(image, primaries, DEFAULT_SPACE)))
         else:
             # OpenCV wraps negative mantissas round to bright pixels, and RGBE has no NaN or infinity.
             finite = np.nan_to_num(pixels, nan=0.0, posinf=1e37, neginf=0.0).clip(0.0, 1e37)
-            temporary.write_bytes(_encode(".hdr", finite.transpose(1, 2, 0)))
+            encoded = _encode(".hdr", finite.transpose(1, 2, 0))
+            for numbers in _named_colours(primaries).values():
+                line = "PRIMARIES=" + " ".join(f"{number:g}" for number in numbers)
+                encoded = encoded.replace(b"\n", f"\n{line}\n".encode(), 1)
+            temporary.write_bytes(encoded)
+
+
+def _named_colours(primaries: ColourSpace) -> dict[str, tuple[float, ...]]:
+    """The attribute of an .exr file that names a colour space; none for the one that readers assume."""
+    if primaries == DEFAULT_SPACE:
+        return {}
+    return {"chromaticities": tuple(number for point in SPACES[primaries].values for number in point)}
 
 
 def check_image_suffix(path: Path) -> None:
@@ -90,7 +110,7 @@ def _encode(suffix: str, pixels: np.ndarray) -> bytes:
     return encoded.tobytes()
 
 
-def _write_exr(path: Path, pixels: np.ndarray, metadata: Mapping[str, str]) -> None:
+def _write_exr(path: Path, pixels: np.ndarray, metadata: Mapping[str, object]) -> None:
     import OpenEXR
 
     header = {**metadata, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -231,14 +231,15 @@ class LightProbe:
             return self
         return self._derived(resize(self._radiance, height))
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], primaries: ColourSpace = DEFAULT_SPACE) -> None:
         """Write the radiance as an .exr file that says that its rows run from pole to pole; `open` gives it back.
 
+        primaries  the colour space of the radiance, which the file then names
         raises     ValueError for another suffix, OSError where the file cannot be written
         """
         if Path(path).suffix.lower() != ".exr":
             raise ValueError(f"{path}: a light probe is saved as .exr, which can say how its rows lie; name it .exr")
-        write_image(path, self._radiance, {ROWS_KEY: "poles"})
+        write_image(path, self._radiance, {ROWS_KEY: "poles"}, primaries=primaries)
 
     def to(self, device: torch.device | str) -> LightProbe:
         """The probe on another device."""

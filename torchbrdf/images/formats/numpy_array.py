@@ -19,9 +19,11 @@ def read(path: Path) -> Stored:
     except Exception:  # its parser of headers raises errors of many kinds
         raise unreadable(path, KIND) from None
     rows = _rows(path, array)
+    if array.dtype.kind == "b":
+        return of_integers(rows * np.uint8(255), KIND)
     if array.dtype.kind in "ui":
         return of_integers(_narrowed(path, rows), KIND)
-    if array.dtype.kind not in "fb":
+    if array.dtype.kind != "f":
         raise ValueError(f"{path}: holds values of the type {array.dtype}; write floating-point ones")
     with np.errstate(over="ignore"):
         planes = np.array(rows.transpose(2, 0, 1), dtype=np.float32, order="C")
