@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from torchbrdf.files import printable
 from torchbrdf.images.formats._colour_profile import colours_of_profile
 from torchbrdf.images.formats._integers import of_integers
 from torchbrdf.images.formats._quiet import quiet_decoders
@@ -24,6 +25,8 @@ SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2
 _ORIENTATION, _WHITE_POINT, _CHROMATICITIES, _EXTRA_SAMPLES, _PROFILE = 274, 318, 319, 338, 34675
 _IS_ALPHA = (1, 2)
+_MOST_A_BYTE = {1: 1, 32773: 64, 5: 1400, 8: 1040, 32946: 1040}
+"""Bytes of pixels that one byte can stand for: as they are, PackBits, LZW (a table full of one run) and Deflate."""
 
 
 class _Refusal(Exception):
@@ -73,7 +76,8 @@ def _check_page(page: TiffPage) -> None:
         tifffile.TIFF.DECOMPRESSORS[page.compression]
     except KeyError:
         name = getattr(page.compression, "name", page.compression)
-        raise _Refusal(f"is compressed in a way that is not read ({name}); save it with LZW or Deflate") from None
+        what = f"is compressed in a way that is not read ({printable(str(name))})"
+        raise _Refusal(f"{what}; save it with LZW or Deflate") from None
     if page.axes not in ("YX", "YXS", "SYX"):
         raise _Refusal(f"has axes {page.axes}; expected rows and columns of grey or R, G, B")
     kind = int(page.photometric)
@@ -91,6 +95,9 @@ def _check_whole(page: TiffPage, size: int) -> None:
     ends = [offset + count for offset, count in zip(page.dataoffsets, counts, strict=True)]
     whole = len(ends) >= np.prod(page.chunked) and min(counts) > 0 and max(ends) <= size
     if not whole or not 1 <= page.imagewidth * page.imagelength <= MAX_PIXELS:
+        raise ValueError("truncated")
+    most = _MOST_A_BYTE.get(int(page.compression))
+    if most is not None and page.size * np.mean(page.bitspersample) > 8 * most * size:
         raise ValueError("truncated")
 
 
