@@ -9,8 +9,8 @@ Sound files of every flavour are made, read, and then mutated: bits, bytes, tell
 files, and what the format knows (header lines, chunks with their checksums, attributes, words, entries of JSON). A
 worker reads one after another. Findings are: a crash; a hang, more than 5 s twice; address space asked for beyond 4
 times the file and 64 MiB, for light probes 256; an error other than ValueError and OSError; a message that names no
-file or is not one printable line; a result that cannot be. Exit status: 0 without findings, 1 with, 2 where it could not run, 130 after
-Ctrl-C.
+file or is not one printable line; a result that cannot be. Exit status: 0 without findings, 1 with, 2 where it could
+not run, 130 after Ctrl-C.
 
 An input is the same for the same reader, seed, number, and versions of this script and of the libraries that write the
 sound files: runs may be cut in pieces, --inputs 50000 and then --first 50000 --inputs 50000. Linux only.

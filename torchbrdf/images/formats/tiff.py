@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from torchbrdf.files import printable
 from torchbrdf.images.formats._colour_profile import colours_of_profile
 from torchbrdf.images.formats._integers import of_integers
 from torchbrdf.images.formats._quiet import quiet_decoders
@@ -76,8 +75,7 @@ def _check_page(page: TiffPage) -> None:
         tifffile.TIFF.DECOMPRESSORS[page.compression]
     except KeyError:
         name = getattr(page.compression, "name", page.compression)
-        what = f"is compressed in a way that is not read ({printable(str(name))})"
-        raise _Refusal(f"{what}; save it with LZW or Deflate") from None
+        raise _Refusal(f"is compressed in a way that is not read ({name}); save it with LZW or Deflate") from None
     if page.axes not in ("YX", "YXS", "SYX"):
         raise _Refusal(f"has axes {page.axes}; expected rows and columns of grey or R, G, B")
     kind = int(page.photometric)
