@@ -73,6 +73,29 @@ def test_tiles_that_ask_for_gigabytes(path, monkeypatch):
         read_image(path)
 
 
+@pytest.mark.parametrize("compression", [*LOSSLESS[1:], *LOSSY])
+@pytest.mark.parametrize("dtype", ["float16", "float32"])
+def test_what_compresses_best_is_read(path, compression, dtype):
+    """A black mask."""
+    black = np.zeros((1024, 1024), dtype)
+    write_exr(path, {"Y": black}, compression=getattr(OpenEXR, f"{compression}_COMPRESSION"))
+    assert np.array_equal(read_stored(path).values, black[None])
+
+
+def test_display_windows_that_little_data_cannot_ask_for(path):
+    write_exr(path, rgb(picture(8, 8).numpy()), displayWindow=window(0, 0, 1, 1 << 21))
+    with pytest.raises(ValueError, match=r"\(its windows claim 8 x 8 and 2 x 2097153 pixels\)$"):
+        read_image(path)
+
+
+def test_a_small_crop_of_a_large_render(path):
+    values = picture(64, 64).numpy()
+    write_exr(path, rgb(values), dataWindow=window(900, 500, 963, 563), displayWindow=window(0, 0, 4095, 2159))
+    read = read_picture(path)
+    assert read.image.shape == (3, 2160, 4096)
+    assert np.array_equal(read.image[:, *read.window.slices], values)
+
+
 def test_parts_that_are_not_read_must_fit_too(path, monkeypatch):
     """The library decodes all of them."""
     values = picture(4, 5).numpy()

@@ -123,6 +123,12 @@ def test_compressions_that_are_not_read(path, code, name):
         read_image(path)
 
 
+def test_many_pages_are_not_all_counted(path):
+    save(path, np.zeros((120, 4, 5, 3), "u1"))
+    with pytest.raises(ValueError, match=r"a\.tif: holds 100 or more pictures; write the one"):
+        read_stored(path)
+
+
 def test_a_compression_that_is_no_number(path):
     save(path, FLOAT)
     with tifffile.TiffFile(path) as file:

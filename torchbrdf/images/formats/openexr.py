@@ -21,13 +21,16 @@ SIGNATURES = (b"\x76\x2f\x31\x01",)
 _ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 """What the library raises for damaged files."""
 
-_MOST_PIXELS_A_BYTE = 1 << 13
-"""Of a black picture in DWAB, 2100; in the others less."""
-_LARGE = 1 << 25
+_MOST_PIXELS_A_BYTE = {"NO": 4, "RLE": 64, "ZIPS": 1040, "ZIP": 1040, "PIZ": 400, "PXR24": 1040, "B44": 16, "B44A": 16}
+"""By compression; black pictures of one channel come to half of that."""
+_MOST_OF_OTHERS = 1 << 13
+"""Of black pictures in DWAB 3700, in HTJ2K256 3500."""
+_SMALL, _LARGE = 1 << 20, 1 << 25
+_SHOWN_A_BYTE = 1024
 _LARGEST_TILE = 1 << 22
 """Tiles may be that large, or else four times the picture: a power of two has room for it."""
 _SHOWN_A_RECORDED = 64
-"""A display window beyond `_LARGE` pixels must be filled by more than the 64th part."""
+"""A display window beyond `_SMALL` pixels has so many for a byte of the file, beyond `_LARGE` for a recorded pixel."""
 
 _CASES = (str.lower, str.title, str.upper)
 _COLOURS = (("R", "G", "B"), ("r", "g", "b"), *((case("red"), case("green"), case("blue")) for case in _CASES))
@@ -169,12 +172,13 @@ def _check_room(path: Path, header: Mapping[str, Any]) -> None:
     """Raise where a part asks for more memory than the file can fill."""
     data_min, data_max, view_min, view_max = _corners(path, header)
     data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
-    recorded, shown = data_size.prod(), view_size.prod()
+    recorded, shown, size = data_size.prod(), view_size.prod(), path.stat().st_size
+    compression = getattr(header.get("compression"), "name", "").removesuffix("_COMPRESSION")
     if (
         min(*data_size, *view_size) < 1
         or max(recorded, shown) > MAX_PIXELS
-        or recorded > _MOST_PIXELS_A_BYTE * path.stat().st_size
-        or shown > max(_LARGE, _SHOWN_A_RECORDED * recorded)
+        or recorded > _MOST_PIXELS_A_BYTE.get(compression, _MOST_OF_OTHERS) * size
+        or shown > max(_SMALL, min(_LARGE, _SHOWN_A_BYTE * size), _SHOWN_A_RECORDED * recorded)
     ):
         sizes = " and ".join(f"{width} x {height}" for width, height in (data_size, view_size))
         raise unreadable(path, KIND, f"its windows claim {sizes} pixels")
