@@ -86,12 +86,12 @@ def says_which_package(path: Path) -> None:
     raise TypeError(torchbrdf.light.probe.__file__)
 
 
-def _reader(planted: Callable[[Path], None]) -> Reader:
+def _reader(planted: Callable[[Path], None], **constants: int) -> Reader:
     def opened(path: Path) -> None:
         if b"bad" in path.read_bytes():
             planted(path)
 
-    return Reader(planted.__name__, seeds, mutated, {"open": (opened, 1.0)})
+    return Reader(planted.__name__, seeds, mutated, {"open": (opened, 1.0)}, constants)
 
 
 READERS = {
@@ -101,3 +101,4 @@ READERS = {
         says_two_lines, colours_the_terminal, refuses, does_not_find, says_which_package,
     )
 }  # fmt: skip
+READERS["is_modest_with_less"] = _reader(is_modest, open=8 << 20)

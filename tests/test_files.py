@@ -386,3 +386,10 @@ class TestTinyDisk:
         line = fails(capsys, "export", tmp_path / "grey.binary", "--probe", "default", "--size", 8, "-o", out)
         assert f" error: {out / 'brdf.binary'}: cannot be written to the disk at {tiny_disk}: it is full" in line
         assert os.listdir(tiny_disk) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "line"), [("a\n\x1b[31mb", r"a\n\x1b[31mb"), ("ü 1 'x'", "ü 1 'x'"), ("\x7f\u2028", r"\x7f\u2028")]
+)
+def test_what_does_not_print_is_escaped(text: str, line: str):
+    assert files.printable(text) == line

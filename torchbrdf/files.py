@@ -42,6 +42,11 @@ OTHER_DISK = "set TORCHBRDF_CACHE to another disk"
 _being_written: set[Path] = set()
 
 
+def printable(text: str) -> str:
+    """One line, for messages that repeat what a file holds: characters that do not print as Python escapes them."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def existing_file(path: str | os.PathLike[str], what: str) -> Path:
     """The path of a file that can be read and is not empty, nor something that stands in for the file.
 

@@ -8,9 +8,9 @@
 Sound files of every flavour are made, read, and then mutated: bits, bytes, telling numbers, chunks, splices of two
 files, and what the format knows (header lines, chunks with their checksums, attributes, words, entries of JSON). A
 worker reads one after another. Findings are: a crash; a hang, more than 5 s twice; address space asked for beyond 4
-times the file and 64 MiB; an error other than ValueError and OSError; a message that names no file or is not one
-printable line; a result that cannot be. Exit status: 0 without findings, 1 with, 2 where it could not run, 130 after
-Ctrl-C.
+times the file and 64 MiB, for light probes 256; an error other than ValueError and OSError; a message that names no
+file or is not one printable line; a result that cannot be. Exit status: 0 without findings, 1 with, 2 where it could
+not run, 130 after Ctrl-C.
 
 An input is the same for the same reader, seed, number, and versions of this script and of the libraries that write the
 sound files: runs may be cut in pieces, --inputs 50000 and then --first 50000 --inputs 50000. Linux only.
@@ -27,7 +27,7 @@ from tqdm import tqdm
 import torchbrdf
 from fuzzing.campaign import PATIENCE, Finding, Tally, run
 from fuzzing.files import InputFile
-from fuzzing.readers import READERS, Reader
+from fuzzing.readers import PROBE_CONSTANT, READERS, Reader
 from fuzzing.reading import CONSTANT, TIMES_FILE
 from fuzzing.worker import Share
 from torchbrdf.command_line import Parser, exit_status
@@ -114,7 +114,7 @@ def _print_table(sound: Mapping[str, Tally], mutated: Mapping[str, Tally]) -> No
         else:
             cells += ["-"] * 6
         rows.append([*cells, f"{len(seeds.findings) + len(tally.findings):,}"])
-    memory = f"memory over {TIMES_FILE} x the file, at most {CONSTANT >> 20} MiB"
+    memory = f"memory over {TIMES_FILE} x the file, at most {CONSTANT >> 20} MiB ({PROBE_CONSTANT >> 20} for probes)"
     head = [
         "reader",
         "as they are, accepted",

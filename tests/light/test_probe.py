@@ -598,6 +598,15 @@ def test_infinite_texels_are_never_filled(repair):
     assert "repair" not in str(caught.value)
 
 
+@pytest.mark.parametrize("repair", [False, True])
+def test_texels_that_no_light_has_are_refused(repair):
+    """Their sums, and what is made of them by resampling, would be infinite."""
+    radiance = torch.ones(3, 6, 12)
+    radiance[1, 2, 5] = 3e38
+    with pytest.raises(ValueError, match=r"has 1 texel of 72 beyond 1e\+30 \(row 2, column 5, counted from 0\)"):
+        LightProbe(radiance, repair=repair)
+
+
 def test_the_largest_half_float_is_a_clipped_lamp():
     radiance = torch.ones(3, 6, 12)
     radiance[1, 2, 3] = 65503

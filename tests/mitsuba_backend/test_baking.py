@@ -203,6 +203,7 @@ LOST: dict[str, dict[str, torch.Tensor]] = {
     "more passes than samples": {"counts": torch.tensor([2, 3])},
     "another tensor": {"more": torch.zeros(1)},
     "not a number": {"spread": torch.full((30,), torch.nan, dtype=torch.float64)},
+    "negative": {"spread": torch.full((30,), -1.0, dtype=torch.float64)},
 }
 
 

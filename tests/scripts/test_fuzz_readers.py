@@ -16,6 +16,7 @@ from fuzzing.files import InputFile
 from fuzzing.formats import openexr, png
 from fuzzing.mutations import mutated, mutated_json
 from fuzzing.readers import READERS
+from fuzzing.reading import CONSTANT
 from torchbrdf.command_line import INTERRUPTED
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are watched through /proc")
@@ -33,23 +34,11 @@ def bad_inputs(name: str, count: int, seed: int = 0) -> list[int]:
     return [i for i in range(count) if reader.input(reader.seeds(), seed, i)[0].content == b"bad"]
 
 
-UNSOUND = {"exr": "headers make it ask for gigabytes, deep images are not named", "png": "asks for what headers say"}
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.xfail(strict=True, reason=UNSOUND[name])] if name in UNSOUND else [])
-        for name in READERS
-    ],
-)
+@pytest.mark.parametrize("name", READERS)
 def test_a_thousand_mutated_files(name: str, tmp_path: Path, capsys: pytest.CaptureFixture):
     options = script.parser().parse_args(["--quiet", "--reader", name, "--inputs", "1000", "--output", str(tmp_path)])
     status = script.fuzz(options)
-    printed = capsys.readouterr().out
-    if "| - | - |" in printed:
-        pytest.skip(f"this version reads no {name}")
-    assert status == 0, printed
+    assert status == 0, capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -81,6 +70,12 @@ def test_planted_faults_are_found_and_saved(name: str, kind: str, options: Names
     assert {path.name for path in saved} == {f"{name}-0-{i}.txt" for i in bad[:3]}
     assert {path.read_bytes() for path in saved} == {b"bad"}
     assert f"--reader {name} --seed 0 --first {bad[0]} --inputs 1" in printed
+
+
+def test_readers_may_name_another_constant(options: Namespace):
+    assert READERS["exr"].constant("LightProbe.open") > READERS["exr"].constant("read_image") == CONSTANT
+    options.reader = ["is_modest_with_less"]
+    assert script.fuzz(options) == script.FOUND
 
 
 @pytest.mark.parametrize("name", ["loads_once", "is_modest", "refuses", "does_not_find"])

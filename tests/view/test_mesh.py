@@ -403,3 +403,39 @@ def test_no_traceback_or_log_reaches_the_user(tmp_path):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.stderr == ""
     assert done.stdout.startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("scale", [1e-35, 1e-9, 1e20])
+def test_smooth_normals_do_not_depend_on_the_unit_of_length(tmp_path, scale):
+    """Two triangles that meet at an angle: the two vertices that they share have the normals' mean."""
+
+    def shown(factor: float) -> np.ndarray:
+        points = (0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0.3)
+        corners = [f"{factor * x} {factor * y} {factor * z}" for x, y, z in points]
+        mesh, _ = opened(written(tmp_path, "sheet.ply", ply(["0 1 2", "1 3 2"], corners)))
+        return mesh.normals[mesh.faces]
+
+    np.testing.assert_allclose(shown(scale), shown(1), atol=1e-6)
+    assert len(np.unique(shown(scale).round(5).reshape(-1, 3), axis=0)) > 1
+
+
+def test_tiny_triangles_beside_large_ones_have_unit_normals(tmp_path):
+    corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 2", "1e-38 0 2", "0 1e-38 2"]
+    mesh, _ = opened(written(tmp_path, "two.ply", ply(["0 1 2", "3 4 5"], corners)))
+    np.testing.assert_allclose(mesh.normals[mesh.faces], np.broadcast_to([0, 0, 1], (2, 3, 3)), atol=1e-6)
+
+
+def test_one_face_without_a_mean_normal_leaves_the_others_smooth(tmp_path):
+    corners = ["0 0 0", "1 0 0", "0 1 0", "1 1 0.3", "5 0 0", "6 0 0", "5 1 0"]
+    mesh, _ = opened(written(tmp_path, "sheet.ply", ply(["0 1 2", "1 3 2", "4 5 6", "4 6 5"], corners)))
+    normals = mesh.normals[mesh.faces]
+    np.testing.assert_allclose((normals**2).sum(-1), 1, atol=1e-5)
+    smooth = mesh.vertices[mesh.faces].max((1, 2)) < 2
+    assert smooth.sum() == 2
+    assert len(np.unique(normals[smooth].round(5).reshape(-1, 3), axis=0)) == 3
+
+
+def test_messages_escape_what_does_not_print(tmp_path):
+    path = written(tmp_path, "a.gltf", '{"asset": {"version": "\x7fE"}}')
+    with pytest.raises(ValueError, match=r"a\.gltf: .* it is glTF \\x7fE; export it as glTF 2\.0$"):
+        TriangleMesh.open(path)

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 
 _LARGEST_HALF = 65504.0
+_NO_RADIANCE = 1e30
+"""Beyond what any light has in any unit; sums and resampling stay finite below."""
 
 
 def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
@@ -27,6 +29,12 @@ def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
             f"{name} has {_count(clipped, 'infinite texel')} of {total} ({place(clipped)}): a lamp brighter than the "
             "numbers that it was saved in (half floats end at 65504). Filling it from its neighbours would put sky in "
             "its place: save the probe with 32-bit floats, or write the lamp's radiance there"
+        )
+    huge = used & (radiance > _NO_RADIANCE).any(dim=0)
+    if bool(huge.any()):
+        raise ValueError(
+            f"{name} has {_count(huge, 'texel')} of {total} beyond {_NO_RADIANCE:g} ({place(huge)}): no light is so "
+            "bright; write it anew, the file is damaged or holds something else than radiance"
         )
     invalid = used & ~torch.isfinite(radiance).all(dim=0)
     n_invalid = int(invalid.sum())

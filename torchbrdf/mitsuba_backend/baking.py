@@ -94,11 +94,15 @@ class BakedSum:
             )
         expected = {"mean": (torch.float32, shape), "spread": (torch.float64, shape[2:]), "counts": (torch.int64, (2,))}
         kinds = {key: (tensor.dtype, tuple(tensor.shape)) for key, tensor in tensors.items()}
+        damaged = ValueError(f"{path}: damaged, not what an interrupted bake leaves; delete it to start anew")
         finite = all(bool(torch.isfinite(tensor).all()) for tensor in tensors.values())
         if kinds != expected or not finite or not 1 <= tensors["counts"][1] <= tensors["counts"][0]:
-            raise ValueError(f"{path}: damaged, not what an interrupted bake leaves; delete it to start anew")
+            raise damaged
         samples, passes = tensors["counts"].tolist()
-        return cls(tensors["mean"], tensors["spread"], samples, passes)
+        loaded = cls(tensors["mean"], tensors["spread"], samples, passes)
+        if not bool(torch.isfinite(loaded.relative_errors).all()):  # of a spread below 0
+            raise damaged
+        return loaded
 
 
 def _energy(images: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torchbrdf.files import existing_file, writing
+from torchbrdf.files import existing_file, printable, writing
 from torchbrdf.view._gltf import read_gltf
 from torchbrdf.view._obj import read_obj
 from torchbrdf.view._ply import read_ply
@@ -119,7 +119,7 @@ def _read(path: Path) -> list[Polygons]:
                     parts = read_gltf(content, path.parent)
         parts = [part.compact() for part in parts]
     except ValueError as error:
-        raise ValueError(f"{path}: not a sound {path.suffix} mesh: {error}") from None
+        raise ValueError(f"{path}: not a sound {path.suffix} mesh: {printable(str(error))}") from None
     for part in parts:
         if not (np.abs(part.vertices) < _FARTHEST).all():
             raise ValueError(f"{path}: some vertices are NaN, infinite or beyond {_FARTHEST:g}")
@@ -128,10 +128,16 @@ def _read(path: Path) -> list[Polygons]:
 
 def _with_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """The triangles whose area is not 0 within rounding."""
-    corners = vertices[faces]
+    return faces[np.linalg.norm(_areas(vertices[faces]), axis=1) > 1e-10]
+
+
+def _areas(corners: np.ndarray) -> np.ndarray:
+    """(T, 3) along the normals of triangles (T, 3, 3), as long as twice their area over their longest edge's square."""
     edges = corners - np.roll(corners, 1, axis=1)
-    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    return faces[doubled > 1e-10 * (edges**2).sum(-1).max(1, initial=0)]
+    longest = np.abs(edges).max((1, 2), initial=0)[:, None, None]  # first, as squares of tiny ones are 0
+    edges = edges / np.where(longest > 0, longest, 1)
+    areas: np.ndarray = np.cross(edges[:, 0], edges[:, 1])
+    return areas / np.maximum((edges**2).sum(-1).max(1, initial=0), 1)[:, None]
 
 
 def _with_normals(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray | None) -> tuple[Triangles, str]:
@@ -144,13 +150,18 @@ def _with_normals(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray |
         if np.allclose(lengths, 1, atol=0.01):
             return (vertices, normals, faces), ""
         reason = "has vertex normals that are not of unit length"
-    part = trimesh.Trimesh(vertices, faces, process=False)
+    scale = np.exp2(-np.floor(np.log2(np.abs(vertices[faces]).max())))  # trimesh takes areas below 1e-14 for none
+    part = trimesh.Trimesh(vertices * scale, faces, process=False)
     smooth = trimesh.graph.smooth_shade(part, angle=CREASE_ANGLE)
-    if (np.linalg.norm(smooth.vertex_normals[np.unique(smooth.faces)], axis=1) > 0.99).all():
-        return (smooth.vertices, smooth.vertex_normals, smooth.faces), reason
-    # The normals of sheets with two sides cancel at their vertices: every face gets its own.
-    corners = vertices[faces].reshape(-1, 3)
-    return (corners, np.repeat(part.face_normals, 3, axis=0), np.arange(len(corners)).reshape(-1, 3)), reason
+    placed, triangles, means = smooth.vertices / scale, smooth.faces.copy(), smooth.vertex_normals
+    # The normals of sheets with two sides cancel at their vertices: faces get their own there.
+    lost = (np.linalg.norm(means[triangles], axis=2) < 0.99).any(1)
+    corners = placed[triangles[lost]]
+    own = _areas(corners)
+    own /= np.linalg.norm(own, axis=1, keepdims=True)
+    triangles[lost] = len(placed) + np.arange(3 * len(corners)).reshape(-1, 3)
+    vertices, normals = np.concatenate([placed, corners.reshape(-1, 3)]), np.concatenate([means, own.repeat(3, axis=0)])
+    return (vertices, normals, triangles), reason
 
 
 def _warn(message: str) -> None:

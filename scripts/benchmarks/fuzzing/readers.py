@@ -2,7 +2,7 @@
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
@@ -13,10 +13,15 @@ import torchbrdf as tb
 from fuzzing import mutations
 from fuzzing.files import InputFile
 from fuzzing.formats import basis_images, gltf, jpeg, merl, meshes, openexr, plain_pixels, png, radiance, tiff
+from fuzzing.reading import CONSTANT
 from torchbrdf.mitsuba_backend.baking import BakedSum
 from torchbrdf.view import TriangleMesh
 
 FileMutation = Callable[[InputFile, Random, Sequence[InputFile]], InputFile]
+
+
+PROBE_CONSTANT = 256 << 20
+"""As `fuzzing.reading.CONSTANT`, for light probes: pictures of whatever size are cut onto at least 512 rows."""
 
 
 class WrongResultError(Exception):
@@ -32,18 +37,24 @@ class Reader:
     mutated   a seed, random numbers and all seeds -> a file that is probably damaged
     entries   functions of a path, by name, with how often each is taken; they raise WrongResultError where
               what was read cannot be
+    constants bytes that entries may ask for beside TIMES_FILE times the file, where that is not CONSTANT
     """
 
     name: str
     seeds: Callable[[], list[InputFile]]
     mutated: FileMutation
     entries: Mapping[str, tuple[Callable[[Path], object], float]]
+    constants: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def named(cls, source: str, name: str) -> "Reader":
         """From the READERS of a module."""
         found: Reader = importlib.import_module(source).READERS[name]
         return found
+
+    def constant(self, entry: str) -> int:
+        """Bytes that an entry may ask for beside TIMES_FILE times the file."""
+        return self.constants.get(entry, CONSTANT)
 
     def input(self, seeds: Sequence[InputFile], seed: int, index: int) -> tuple[InputFile, str]:
         """A mutated file and the entry that shall open it: always the same for the same seeds and numbers."""
@@ -126,7 +137,9 @@ def _unfinished(path: Path) -> None:
 
 
 _IMAGE = {"read_image": (_image, 6.0)}
-_LIGHT = _IMAGE | {"LightProbe.open": (_probe, 1.0), "LightProbe.open, mirror ball": (_mirror_ball, 0.5)}
+_PROBES = {"LightProbe.open": (_probe, 1.0), "LightProbe.open, mirror ball": (_mirror_ball, 0.5)}
+_OF_PROBES = dict.fromkeys(_PROBES, PROBE_CONSTANT)
+_LIGHT = _IMAGE | _PROBES
 _MASK = _IMAGE | {"read_mask": (_mask, 3.0)}
 _ANY_IMAGE = _LIGHT | _MASK | {"NormalMapView": (_normal_map, 1.0)}
 _MESH = {"TriangleMesh.open": (_mesh, 1.0)}
@@ -136,13 +149,13 @@ _BAKE = {"BakedSum.load": (_unfinished, 1.0)}
 READERS = {
     reader.name: reader
     for reader in (
-        Reader("hdr", radiance.seeds, of_content(radiance.mutated), _LIGHT),
-        Reader("exr", openexr.seeds, of_content(openexr.mutated), _ANY_IMAGE),
+        Reader("hdr", radiance.seeds, of_content(radiance.mutated), _LIGHT, _OF_PROBES),
+        Reader("exr", openexr.seeds, of_content(openexr.mutated), _ANY_IMAGE, _OF_PROBES),
         Reader("png", png.seeds, of_content(png.mutated), _MASK),
-        Reader("tiff", tiff.seeds, of_content(tiff.mutated), _ANY_IMAGE),
+        Reader("tiff", tiff.seeds, of_content(tiff.mutated), _ANY_IMAGE, _OF_PROBES),
         Reader("jpeg", jpeg.seeds, of_content(jpeg.mutated), _MASK),
-        Reader("pfm", plain_pixels.pfm_seeds, of_content(plain_pixels.pfm_mutated), _ANY_IMAGE),
-        Reader("npy", plain_pixels.npy_seeds, of_content(plain_pixels.npy_mutated), _ANY_IMAGE),
+        Reader("pfm", plain_pixels.pfm_seeds, of_content(plain_pixels.pfm_mutated), _ANY_IMAGE, _OF_PROBES),
+        Reader("npy", plain_pixels.npy_seeds, of_content(plain_pixels.npy_mutated), _ANY_IMAGE, _OF_PROBES),
         Reader("obj", meshes.obj_seeds, of_content(meshes.obj_mutated), _MESH),
         Reader("ply", meshes.ply_seeds, of_content(meshes.ply_mutated), _MESH),
         Reader("gltf", gltf.seeds, of_content(gltf.mutated), _MESH),

@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 
 CONSTANT = 64 << 20
-"""Bytes that reading may ask for beside `TIMES_FILE` times the file."""
+"""Bytes that reading may ask for beside `TIMES_FILE` times the file, where a reader names no other number."""
 
 TIMES_FILE = 4
 
@@ -68,19 +68,22 @@ def prepare_process() -> None:
         os.dup2(sink, stream)
 
 
-def read(opened: Callable[[Path], object], path: Path, begun: Callable[[], None] = lambda: None) -> Reading:
+def read(
+    opened: Callable[[Path], object], path: Path, constant: int = CONSTANT, begun: Callable[[], None] = lambda: None
+) -> Reading:
     """Read a file; a second time where the first took long or much, for which what it loaded and keeps may be why.
 
-    begun  is called whenever reading begins
+    constant  bytes that it may ask for beside TIMES_FILE times the file
+    begun     is called whenever reading begins
     """
     allowed = TIMES_FILE * path.stat().st_size
     last = first = _attempt(opened, path, begun)
     memory = max(first.touched, first.asked)
-    if first.seconds > _SLOW or memory > allowed + CONSTANT:
+    if first.seconds > _SLOW or memory > allowed + constant:
         last = _attempt(opened, path, begun)
         memory = last.touched + max(first.asked - first.touched - first.kept, 0)
     problem = last.problem or first.problem
-    if problem is None and memory > allowed + CONSTANT:
+    if problem is None and memory > allowed + constant:
         message = f"{memory - allowed >> 20} MiB beyond {TIMES_FILE} times the file's {path.stat().st_size} bytes"
         problem = Problem("memory", "", message)
     return Reading(last.accepted, last.seconds, memory - allowed, problem)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fuzzing.files import InputFile
 from fuzzing.readers import Reader
-from fuzzing.reading import CONSTANT, prepare_process, read
+from fuzzing.reading import prepare_process, read
 
 TRACE = "trace"
 """File in a worker's folder that holds where it crashed, or where it was when SIGUSR1 came."""
@@ -99,7 +99,8 @@ def work(share: Share, first: int, progress: Progress, found: Connection, folder
             def begun() -> None:
                 progress.started = time.monotonic()
 
-            reading = read(reader.entries[entry][0], path, begun)
+            constant = reader.constant(entry)
+            reading = read(reader.entries[entry][0], path, constant, begun)
             progress.started = 0.0
             progress.done += 1
             progress.accepted += reading.accepted
@@ -109,6 +110,6 @@ def work(share: Share, first: int, progress: Progress, found: Connection, folder
             if reading.problem:
                 found.send((index, reading.problem))
             path.unlink()
-            if reading.memory > CONSTANT:
+            if reading.memory > constant:
                 return  # the next must not hide behind this one's peak
     progress.index = share.end

@@ -1,10 +1,12 @@
 """JPEG files: orientation, profiles, damage."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
 import torch
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, ImageFile
 
 from picture_files import as_orientation, exif
 from torchbrdf.images import open_mask, read_image, read_picture
@@ -90,3 +92,21 @@ def test_pictures_with_a_preview_behind_them(path):
     frames = [Image.fromarray(SMOOTH), Image.fromarray(255 - SMOOTH)]
     frames[0].save(path, "MPO", save_all=True, append_images=frames[1:], quality=95, subsampling=0)
     np.testing.assert_allclose(read_stored(path).values, SMOOTH.transpose(2, 0, 1) / 255, atol=4 / 255)
+
+
+def test_more_pixels_than_the_bytes_can_hold(path, monkeypatch):
+    """The size that a file claims, made 32768 x 2320: refused before memory is asked for."""
+    save(path, SMOOTH)
+    content = path.read_bytes()
+    size = content.index(b"\xff\xc0") + 5
+    path.write_bytes(content[:size] + struct.pack(">HH", 32768, 2320) + content[size + 4 :])
+    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda image: pytest.fail("decoded"))
+    with pytest.raises(ValueError, match=r"a\.jpg: not a readable JPEG image \(truncated"):
+        read_image(path, allow_ldr=True)
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+def test_what_compresses_best_is_read(path, mode, progressive):
+    Image.new(mode, (2048, 2048)).save(path, "JPEG", progressive=progressive, optimize=True)
+    assert read_stored(path).values.shape == (len(mode), 2048, 2048)

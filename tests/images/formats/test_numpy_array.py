@@ -117,3 +117,23 @@ def test_no_truncated_file_is_read(path):
         path.write_bytes(whole[:length])
         with pytest.raises(ValueError, match=r"a\.npy: not a readable NumPy array image"):
             read_stored(path)
+
+
+def test_a_header_longer_than_the_file_is_not_asked_for(path, monkeypatch):
+    path.write_bytes(b"\x93NUMPY\2\0" + (1 << 28).to_bytes(4, "little") + b"{'descr': '<f4'}")
+    monkeypatch.setattr(np, "load", lambda *_, **__: pytest.fail("loaded"))
+    with pytest.raises(ValueError, match=r"a\.npy: not a readable NumPy array image"):
+        read_image(path)
+
+
+def test_longer_headers_of_later_versions(path):
+    with open(path, "wb") as file:
+        np.lib.format.write_array(file, VALUES, version=(2, 0))
+    assert np.array_equal(read_image(path), VALUES)
+
+
+def test_types_whose_names_do_not_print_are_escaped(path):
+    np.save(path, np.zeros((4, 5), [("a\x1b", "f4")]))
+    with pytest.raises(ValueError, match="holds values of the type") as caught:
+        read_image(path)
+    assert str(caught.value).isprintable()

@@ -9,7 +9,7 @@ import torch
 
 from picture_files import picture, rgb, window, write_exr, write_exr_parts
 from torchbrdf.images import open_mask, read_image, read_picture, read_vectors
-from torchbrdf.images.formats import Window, read_stored
+from torchbrdf.images.formats import Window, openexr, read_stored
 from torchbrdf.images.primaries import SPACES, conversion
 
 LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ")
@@ -50,6 +50,69 @@ def test_tiles(path):
     tiles.xSize, tiles.ySize = 32, 16
     write_exr(path, rgb(values), type=OpenEXR.tiledimage, tiles=tiles)
     assert np.array_equal(read_image(path), values)
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32"])
+def test_tiles_larger_than_the_picture(path, dtype):
+    values = picture(5, 7).numpy().astype(dtype)
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 2048
+    write_exr(path, rgb(values), type=OpenEXR.tiledimage, tiles=tiles)
+    assert np.array_equal(read_image(path), values.astype("f4"))
+
+
+def test_tiles_that_ask_for_gigabytes(path, monkeypatch):
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize, tiles.ySize = 16, 8
+    write_exr(path, rgb(picture(8, 16).numpy()), type=OpenEXR.tiledimage, tiles=tiles)
+    content = path.read_bytes()
+    at = content.index(b"tiles\0tiledesc\0") + 19
+    path.write_bytes(content[:at] + struct.pack("<II", 8, 1 << 24) + content[at + 8 :])
+    monkeypatch.setattr(openexr, "_planes", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(ValueError, match=r"a\.exr: not a readable .* \(its tiles claim 8 x 16777216 pixels\)$"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("compression", [*LOSSLESS[1:], *LOSSY])
+@pytest.mark.parametrize("dtype", ["float16", "float32"])
+def test_what_compresses_best_is_read(path, compression, dtype):
+    """A black mask."""
+    black = np.zeros((1024, 1024), dtype)
+    write_exr(path, {"Y": black}, compression=getattr(OpenEXR, f"{compression}_COMPRESSION"))
+    assert np.array_equal(read_stored(path).values, black[None])
+
+
+def test_display_windows_that_little_data_cannot_ask_for(path):
+    write_exr(path, rgb(picture(8, 8).numpy()), displayWindow=window(0, 0, 1, 1 << 21))
+    with pytest.raises(ValueError, match=r"\(its windows claim 8 x 8 and 2 x 2097153 pixels\)$"):
+        read_image(path)
+
+
+def test_a_small_crop_of_a_large_render(path):
+    values = picture(64, 64).numpy()
+    write_exr(path, rgb(values), dataWindow=window(900, 500, 963, 563), displayWindow=window(0, 0, 4095, 2159))
+    read = read_picture(path)
+    assert read.image.shape == (3, 2160, 4096)
+    assert np.array_equal(read.image[:, *read.window.slices], values)
+
+
+def test_parts_that_are_not_read_must_fit_too(path, monkeypatch):
+    """The library decodes all of them."""
+    values = picture(4, 5).numpy()
+    write_exr_parts(path, {"main": rgb(values), "other": {"Z": values[0]}})
+    content = path.read_bytes()
+    at = content.rindex(b"dataWindow\0box2i\0") + 21 + 8
+    path.write_bytes(content[:at] + struct.pack("<ii", 9999, 9999) + content[at + 8 :])
+    monkeypatch.setattr(openexr, "_planes", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(ValueError, match=r"\(its windows claim 10000 x 10000 and 5 x 4 pixels\)$"):
+        read_image(path)
+
+
+def test_names_of_layers_that_do_not_print_are_escaped(path):
+    values = picture(4, 5).numpy()
+    write_exr(path, {**rgb(values, "a\x1b."), **rgb(values, "b.")})
+    with pytest.raises(ValueError, match=r"a\\x1b, b$"):
+        read_image(path)
 
 
 def test_infinities_and_numbers_that_are_none_are_passed_on(path):

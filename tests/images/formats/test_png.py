@@ -196,6 +196,13 @@ def test_alpha_is_turned_with_the_colours(path):
     np.testing.assert_allclose(read_stored(path).alpha, pixels[..., 3] / 255, atol=1e-6)
 
 
+@pytest.mark.parametrize("orientation", range(2, 9))
+def test_turned_alpha_is_read_with_the_picture(path, orientation):
+    pixels = np.random.default_rng(0).integers(0, 255, (4, 5, 4)).astype("u1")
+    path.write_bytes(png_of(as_orientation(pixels, orientation), chunk(b"eXIf", exif(orientation))))
+    np.testing.assert_allclose(read_picture(path, True).alpha[0], pixels[..., 3] / 255, atol=1e-6)
+
+
 def test_interlaced(path):
     """The passes of Adam7, by their definition: offsets and steps."""
     steps = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)]

@@ -215,6 +215,7 @@ def test_exposures_that_are_no_factors(path, value):
     ("lines", "message"),
     [
         (["COLORCORR=1 2"], "COLORCORR=1 2 in its header must be 3 numbers"),
+        (["PRIMARIES=1 0 0 \0\b0 \x7f"], r"PRIMARIES=1 0 0 \\x00\\x080 \\x7f in its header must be 8 numbers"),
         (["PRIMARIES=.64 .33 .3 .6 .15 .06 .31"], r"PRIMARIES=.* must be 8 numbers"),
         (["PRIMARIES=.64 .33 .64 .33 .15 .06 .3127 .329"], "PRIMARIES: these primaries span no colour space"),
         (["EXPOSURE=1e200", "EXPOSURE=1e200"], "EXPOSURE and COLORCORR multiply to inf: no radiance; mend its header"),

@@ -123,6 +123,39 @@ def test_compressions_that_are_not_read(path, code, name):
         read_image(path)
 
 
+def test_many_pages_are_not_all_counted(path):
+    save(path, np.zeros((120, 4, 5, 3), "u1"))
+    with pytest.raises(ValueError, match=r"a\.tif: holds 100 or more pictures; write the one"):
+        read_stored(path)
+
+
+def test_a_compression_that_is_no_number(path):
+    save(path, FLOAT)
+    with tifffile.TiffFile(path) as file:
+        entry = file.pages[0].tags["Compression"].offset
+    content = bytearray(path.read_bytes())
+    content[entry + 2 : entry + 12] = struct.pack("<HI4s", 2, 1, b"\1")  # text in place of a number
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.tif: not a readable TIFF image"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("compression", ["packbits", "lzw", "zlib"])
+def test_what_compresses_best_is_read(path, compression):
+    save(path, np.zeros((1 << 11, 1 << 11), "u1"), photometric="minisblack", compression=compression)
+    assert path.stat().st_size < 1 << 17
+    assert read_stored(path).values.shape == (1, 1 << 11, 1 << 11)
+
+
+@pytest.mark.parametrize("compression", [None, "packbits", "lzw", "zlib"])
+def test_more_pixels_than_the_bytes_can_hold(path, compression, monkeypatch):
+    save(path, FLOAT, compression=compression, rowsperstrip=len(FLOAT))
+    change(path, ImageLength=1 << 20, RowsPerStrip=1 << 20)
+    monkeypatch.setattr(tifffile.TiffPage, "asarray", lambda page: pytest.fail("decoded"))
+    with pytest.raises(ValueError, match=r"a\.tif: not a readable TIFF image"):
+        read_image(path)
+
+
 ALPHA = np.linspace(0, 1, FLOAT[..., 0].size, dtype="f4").reshape(FLOAT.shape[:2])
 
 

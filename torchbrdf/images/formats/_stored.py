@@ -72,7 +72,7 @@ class Stored:
     def turned(self, orientation: int) -> Stored:
         """Upright, by the EXIF orientation 1 to 8 in which it is stored; others count as 1."""
         alpha = None if self.alpha is None else _upright(self.alpha, orientation)
-        return replace(self, values=np.ascontiguousarray(_upright(self.values, orientation)), alpha=alpha)
+        return replace(self, values=_upright(self.values, orientation), alpha=alpha)
 
 
 def _upright(values: np.ndarray, orientation: int) -> np.ndarray:
@@ -83,7 +83,7 @@ def _upright(values: np.ndarray, orientation: int) -> np.ndarray:
         values = values[..., ::-1, :]
     if orientation in (2, 3, 6, 7):
         values = values[..., ::-1]
-    return values
+    return np.ascontiguousarray(values)
 
 
 def check_pixel_aspect(path: Path, ratio: float) -> None:

@@ -15,6 +15,9 @@ KIND = "JPEG"
 SUFFIXES = (".jpg", ".jpeg")
 SIGNATURES = (b"\xff\xd8\xff",)
 
+_MOST_PIXELS_A_BYTE = 1024
+"""Every block of 8 x 8 pixels takes a bit of Huffman code or more, so that there are 512."""
+
 
 def read(path: Path) -> Stored:
     """Values over their full scale; raises ValueError for damaged files, and for colours that are no grey or RGB."""
@@ -22,6 +25,8 @@ def read(path: Path) -> Stored:
 
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=["JPEG"]) as image:
+            if image.width * image.height > _MOST_PIXELS_A_BYTE * path.stat().st_size:
+                raise ValueError("truncated")
             exif, profile, mode = image.info.get("exif", b""), image.info.get("icc_profile"), image.mode
             pixels = np.asarray(image)
     except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError, MemoryError):

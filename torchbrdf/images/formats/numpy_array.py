@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from torchbrdf.files import printable
 from torchbrdf.images.formats._integers import of_integers
 from torchbrdf.images.formats._stored import MAX_PIXELS, Stored, unreadable
 
@@ -14,6 +15,11 @@ SIGNATURES = (b"\x93NUMPY",)
 
 def read(path: Path) -> Stored:
     """Floating-point values, or integers; raises ValueError where two axes could be that of the channels."""
+    with open(path, "rb") as file:
+        beginning = file.read(12)
+    length = int.from_bytes(beginning[8 : 10 if beginning[6:7] == b"\1" else 12], "little")
+    if length > path.stat().st_size:  # NumPy asks for that much memory first
+        raise unreadable(path, KIND)
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception:  # its parser of headers raises errors of many kinds
@@ -24,7 +30,7 @@ def read(path: Path) -> Stored:
     if array.dtype.kind in "ui":
         return of_integers(_narrowed(path, rows), KIND)
     if array.dtype.kind != "f":
-        raise ValueError(f"{path}: holds values of the type {array.dtype}; write floating-point ones")
+        raise ValueError(f"{path}: holds values of the type {printable(str(array.dtype))}; write floating-point ones")
     with np.errstate(over="ignore"):
         planes = np.array(rows.transpose(2, 0, 1), dtype=np.float32, order="C")
     return Stored(planes[:3], KIND, alpha=planes[3] if len(planes) > 3 else None)

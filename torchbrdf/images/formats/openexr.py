@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from torchbrdf.files import printable
 from torchbrdf.images.formats._quiet import quiet_decoders
 from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, Window, check_pixel_aspect, unreadable
 from torchbrdf.images.primaries import Primaries
@@ -20,11 +21,16 @@ SIGNATURES = (b"\x76\x2f\x31\x01",)
 _ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 """What the library raises for damaged files."""
 
-_MOST_PIXELS_A_BYTE = 1 << 13
-"""Of a black picture in DWAB, 2100; in the others less."""
-_LARGE = 1 << 25
+_MOST_PIXELS_A_BYTE = {"NO": 4, "RLE": 64, "ZIPS": 1040, "ZIP": 1040, "PIZ": 400, "PXR24": 1040, "B44": 16, "B44A": 16}
+"""By compression; black pictures of one channel come to half of that."""
+_MOST_OF_OTHERS = 1 << 13
+"""Of black pictures in DWAB 3700, in HTJ2K256 3500."""
+_SMALL, _LARGE = 1 << 20, 1 << 25
+_SHOWN_A_BYTE = 1024
+_LARGEST_TILE = 1 << 22
+"""Tiles may be that large, or else four times the picture: a power of two has room for it."""
 _SHOWN_A_RECORDED = 64
-"""A display window beyond `_LARGE` pixels must be filled by more than the 64th part."""
+"""A display window beyond `_SMALL` pixels has so many for a byte of the file, beyond `_LARGE` for a recorded pixel."""
 
 _CASES = (str.lower, str.title, str.upper)
 _COLOURS = (("R", "G", "B"), ("r", "g", "b"), *((case("red"), case("green"), case("blue")) for case in _CASES))
@@ -65,6 +71,8 @@ def read(path: Path, layer: str | None = None, vectors: bool = False, option: st
     chosen = _chosen(path, headers, layer, vectors, option)
     header = headers[chosen.part]
     names = [*chosen.channels, *([chosen.alpha] if chosen.alpha else [])]
+    for other in headers:
+        _check_room(path, other)  # all are decoded
     window, size = _windows(path, header)
     check_pixel_aspect(path, float(header.get("pixelAspectRatio", 1)))
     planes = _planes(path, chosen.part, names, (window.height, window.width))
@@ -77,7 +85,7 @@ def read(path: Path, layer: str | None = None, vectors: bool = False, option: st
         alpha=alpha,
         colours=lambda: _colours(path, header),
         window=recorded,
-        about="" if chosen.part == 0 and (chosen.plain or count == 1) else f"layer {chosen.label}",
+        about="" if chosen.part == 0 and (chosen.plain or count == 1) else f"layer {printable(chosen.label)}",
     )
 
 
@@ -133,7 +141,7 @@ def _named(path: Path, layers: Sequence[_Layer], label: str) -> _Layer:
 
 
 def _listed(layers: Sequence[_Layer]) -> str:
-    return ", ".join(one.label for one in layers)
+    return printable(", ".join(one.label for one in layers))
 
 
 def _layers(part: int, headers: Sequence[Mapping[str, Any]], wanted: Sequence[tuple[str, ...]]) -> list[_Layer]:
@@ -152,24 +160,37 @@ def _layers(part: int, headers: Sequence[Mapping[str, Any]], wanted: Sequence[tu
     return found
 
 
-def _windows(path: Path, header: Mapping[str, Any]) -> tuple[Window, tuple[int, int]]:
-    """The data window, in the coordinates of the display window, and (height, width) of that."""
+def _corners(path: Path, header: Mapping[str, Any]) -> list[np.ndarray]:
+    """The first and the last pixel of the data window and of the display window, x and y."""
     try:
-        data_min, data_max, view_min, view_max = (
-            np.asarray(corner, dtype=np.int64) for corner in (*header["dataWindow"], *header["displayWindow"])
-        )
+        return [np.asarray(corner, dtype=np.int64) for corner in (*header["dataWindow"], *header["displayWindow"])]
     except _ERRORS:
         raise unreadable(path, KIND) from None
+
+
+def _check_room(path: Path, header: Mapping[str, Any]) -> None:
+    """Raise where a part asks for more memory than the file can fill."""
+    data_min, data_max, view_min, view_max = _corners(path, header)
     data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
-    recorded, shown = data_size.prod(), view_size.prod()
+    recorded, shown, size = data_size.prod(), view_size.prod(), path.stat().st_size
+    compression = getattr(header.get("compression"), "name", "").removesuffix("_COMPRESSION")
     if (
         min(*data_size, *view_size) < 1
         or max(recorded, shown) > MAX_PIXELS
-        or recorded > _MOST_PIXELS_A_BYTE * path.stat().st_size
-        or shown > max(_LARGE, _SHOWN_A_RECORDED * recorded)
+        or recorded > _MOST_PIXELS_A_BYTE.get(compression, _MOST_OF_OTHERS) * size
+        or shown > max(_SMALL, min(_LARGE, _SHOWN_A_BYTE * size), _SHOWN_A_RECORDED * recorded)
     ):
         sizes = " and ".join(f"{width} x {height}" for width, height in (data_size, view_size))
         raise unreadable(path, KIND, f"its windows claim {sizes} pixels")
+    tiles = header.get("tiles")
+    if tiles is not None and tiles.xSize * tiles.ySize > max(_LARGEST_TILE, 4 * recorded):
+        raise unreadable(path, KIND, f"its tiles claim {tiles.xSize} x {tiles.ySize} pixels")
+
+
+def _windows(path: Path, header: Mapping[str, Any]) -> tuple[Window, tuple[int, int]]:
+    """The data window, in the coordinates of the display window, and (height, width) of that."""
+    data_min, data_max, view_min, view_max = _corners(path, header)
+    data_size, view_size = data_max - data_min + 1, view_max - view_min + 1
     left, top = (data_min - view_min).tolist()
     return Window(left, top, int(data_size[0]), int(data_size[1])), (int(view_size[1]), int(view_size[0]))
 
@@ -186,7 +207,8 @@ def _planes(path: Path, part: int, names: Sequence[str], size: tuple[int, int]) 
         raise unreadable(path, KIND) from None
     for channel in channels:
         if (channel.xSampling, channel.ySampling) != (1, 1):
-            raise ValueError(f"{path}: its channel {channel.name} is subsampled; write all channels at full size")
+            name = printable(channel.name)
+            raise ValueError(f"{path}: its channel {name} is subsampled; write all channels at full size")
     if any(plane is None or plane.shape != size for plane in planes):
         raise unreadable(path, KIND)
     return planes

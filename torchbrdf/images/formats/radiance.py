@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from torchbrdf.files import printable
 from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, check_pixel_aspect, unreadable
 from torchbrdf.images.primaries import Primaries
 
@@ -120,7 +121,8 @@ def _numbers(path: Path, key: str, header: _Header) -> Iterator[tuple[float, ...
         factors = key != "PRIMARIES"
         sound = len(numbers) == _PLACES[key] and all(isfinite(n) and not (factors and n < 0) for n in numbers)
         if not sound:
-            raise ValueError(f"{path}: {key}={text[:60]} in its header must be {_PLACES[key]} numbers; mend that line")
+            line = printable(f"{key}={text[:60]}")
+            raise ValueError(f"{path}: {line} in its header must be {_PLACES[key]} numbers; mend that line")
         yield tuple(n or 1.0 for n in numbers) if factors else numbers
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,10 @@ SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2
 _ORIENTATION, _WHITE_POINT, _CHROMATICITIES, _EXTRA_SAMPLES, _PROFILE = 274, 318, 319, 338, 34675
 _IS_ALPHA = (1, 2)
+_MOST_PAGES = 100
+"""More are not counted: pages of a damaged file may follow one another in a circle."""
+_MOST_A_BYTE = {1: 1, 32773: 64, 5: 1400, 8: 1040, 32946: 1040}
+"""Bytes of pixels that one byte can stand for: as they are, PackBits, LZW (a table full of one run) and Deflate."""
 
 
 class _Refusal(Exception):
@@ -57,12 +62,13 @@ def _only_page(file: TiffFile) -> TiffPage:
     """The page of the picture; previews are marked as such."""
     import tifffile
 
-    every = [page for page in file.pages if isinstance(page, tifffile.TiffPage)]
+    every = [page for page in islice(file.pages, _MOST_PAGES) if isinstance(page, tifffile.TiffPage)]
     pages = [page for page in every if not page.is_reduced]
     if every and not pages:
         raise _Refusal("holds previews alone, as cameras' raw files do; develop it to a linear .exr or .tif")
     if len(pages) > 1:
-        raise _Refusal(f"holds {len(pages)} pictures; write the one that is meant to a file of its own")
+        count = f"{len(pages)} or more" if len(every) == _MOST_PAGES else len(pages)
+        raise _Refusal(f"holds {count} pictures; write the one that is meant to a file of its own")
     return pages[0]
 
 
@@ -91,6 +97,9 @@ def _check_whole(page: TiffPage, size: int) -> None:
     ends = [offset + count for offset, count in zip(page.dataoffsets, counts, strict=True)]
     whole = len(ends) >= np.prod(page.chunked) and min(counts) > 0 and max(ends) <= size
     if not whole or not 1 <= page.imagewidth * page.imagelength <= MAX_PIXELS:
+        raise ValueError("truncated")
+    most = _MOST_A_BYTE.get(int(page.compression))
+    if most is not None and page.size * np.mean(page.bitspersample) > 8 * most * size:
         raise ValueError("truncated")
 
 
