@@ -61,6 +61,16 @@ def write_envmap(path: Path, picture: Tensor, kind: object) -> None:
         out.write(str(path))
 
 
+@pytest.mark.parametrize("key", ["envmap", "probeRows"])
+@pytest.mark.parametrize("value", ["latlong", 3, (1.0, 2.0), np.array([1, 2], "i4")])
+def test_attributes_of_another_type_say_nothing(tmp_path, key, value):
+    planes = {name: np.ones((4, 8), "f4") for name in "RGB"}
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION, key: value}
+    with OpenEXR.File(header, planes) as out:
+        out.write(str(tmp_path / "a.exr"))
+    assert LightProbe.open(tmp_path / "a.exr").reading == "rows at pixel centres"
+
+
 # --- Rows ------------------------------------------------------------------------------------------------
 
 

@@ -178,4 +178,5 @@ def _said_by(path: Path) -> tuple[str | None, str | None]:
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
         header = dict(file.parts[0].header)  # the file takes its own with it
     kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
-    return header.get(ROWS_KEY), kinds.get(header.get("envmap"))
+    rows, kind = header.get(ROWS_KEY), header.get("envmap")  # of any type, in files of others
+    return rows if isinstance(rows, str) else None, kinds[kind] if isinstance(kind, type(OpenEXR.ENVMAP_CUBE)) else None

@@ -110,3 +110,10 @@ def test_more_pixels_than_the_bytes_can_hold(path, monkeypatch):
 def test_what_compresses_best_is_read(path, mode, progressive):
     Image.new(mode, (2048, 2048)).save(path, "JPEG", progressive=progressive, optimize=True)
     assert read_stored(path).values.shape == (len(mode), 2048, 2048)
+
+
+def test_an_exif_block_that_is_cut_says_nothing(path):
+    save(path, SMOOTH, exif=b"Exif\0\0MM\0*\0\0")
+    cut = read_image(path, allow_ldr=True)
+    save(path, SMOOTH)
+    assert torch.equal(cut, read_image(path, allow_ldr=True))

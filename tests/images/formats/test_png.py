@@ -184,7 +184,7 @@ def test_orientation(path, orientation):
     np.testing.assert_allclose(read_image(path, allow_ldr=True), RAMP.transpose(2, 0, 1) / 255, atol=1e-6)
 
 
-@pytest.mark.parametrize("block", [b"", b"MM", exif(0), exif(9), b"\xff" * 40, exif(6)[:20]])
+@pytest.mark.parametrize("block", [b"", b"MM", b"MM\0*\0\0", exif(0), exif(9), b"\xff" * 40, exif(6)[:20]])
 def test_orientations_that_say_nothing(path, block):
     path.write_bytes(png_of(RAMP, GAMA_LINEAR + chunk(b"eXIf", block)))
     np.testing.assert_allclose(read_image(path, allow_ldr=True), RAMP.transpose(2, 0, 1) / 255, atol=1e-6)

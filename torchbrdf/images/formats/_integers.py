@@ -1,5 +1,6 @@
 """Pictures of integers, and the orientation that EXIF data name."""
 
+import struct
 import warnings
 from collections.abc import Callable
 
@@ -32,5 +33,5 @@ def orientation_of(exif: bytes) -> int:
         with warnings.catch_warnings(action="ignore"):
             found.load(exif)
         return int(found.get(_ORIENTATION, 1))
-    except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError):
+    except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError, struct.error):
         return 1
