@@ -140,7 +140,7 @@ def test_view_without_a_shape(table, probe, tmp_path):
 
 
 def test_whole_or_absent(table, probe, tmp_path, monkeypatch):
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise OSError("disk full")
 
     monkeypatch.setattr("torchbrdf.light.probe.write_image", fail)
