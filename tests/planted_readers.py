@@ -41,13 +41,13 @@ def allocates(path: Path) -> None:
 
 
 def allocates_and_says_so(path: Path) -> None:
-    bytearray(100 << 20)
+    bytearray(300 << 20)
     raise ValueError(f"{path}: too large")
 
 
 def loads_once(path: Path) -> None:
     if not kept:
-        kept.append(bytearray(200 << 20))
+        kept.append(bytearray(400 << 20))
 
 
 def is_modest(path: Path) -> None:

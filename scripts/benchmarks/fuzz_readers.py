@@ -8,7 +8,7 @@
 Sound files of every flavour are made, read, and then mutated: bits, bytes, telling numbers, chunks, splices of two
 files, and what the format knows (header lines, chunks with their checksums, attributes, words, entries of JSON). A
 worker reads one after another. Findings are: a crash; a hang, more than 5 s twice; address space asked for beyond 4
-times the file and 64 MiB, for light probes 256; an error other than ValueError and OSError; a message that names no
+times the file and 192 MiB, for light probes 384; an error other than ValueError and OSError; a message that names no
 file or is not one printable line; a result that cannot be. Exit status: 0 without findings, 1 with, 2 where it could
 not run, 130 after Ctrl-C.
 

@@ -164,6 +164,7 @@ REFUSED = {
     "kind": (with_primitive(indices=0), "holds VEC3 in place of SCALAR"),
     "short view": (document(bufferViews=[{"buffer": 0, "byteLength": 40}] * 3), "accessor 0 is longer than its data"),
     "short buffer": (document(bufferViews=[{"buffer": 0, "byteOffset": 90, "byteLength": 99}] * 3), "longer than its"),
+    "endless name": (document(buffers=[{"byteLength": 9, "uri": "A" * 5000}]), "which is not there"),
     "absent": (document(buffers=[{"byteLength": 9, "uri": "no.bin"}]), "numbers lie in 'no.bin', which is not there"),
 }
 

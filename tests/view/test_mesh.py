@@ -327,6 +327,11 @@ def test_vertices_that_are_no_numbers(tmp_path, suffix, value):
     assert re.search("NaN|infinite|finite|float32", refused(written(tmp_path, f"v.{suffix}", content)))
 
 
+def test_a_mesh_smaller_than_numbers_are(tmp_path):
+    corners = "v 0 0 0\nv 1e-310 0 0\nv 0 1e-310 0\n"
+    assert "within 1e-37 of one point" in refused(written(tmp_path, "tiny.obj", corners + "f 1 2 3\n"))
+
+
 @pytest.mark.parametrize(
     "content",
     ["v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "v 0\nv 1\nv 2\nf 1 2 3\n", "v 0 0 zero\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"],

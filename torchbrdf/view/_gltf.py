@@ -172,7 +172,11 @@ class _Document:
             except binascii.Error:
                 raise ValueError("its data URI is not base64") from None
         path = self._folder / unquote(uri)
-        if not uri or "://" in uri or "\0" in uri or not path.is_file():
+        try:
+            there = bool(uri) and "://" not in uri and "\0" not in uri and path.is_file()
+        except OSError:  # no system has such names
+            there = False
+        if not there:
             raise ValueError(f"its numbers lie in {uri[:80]!r}, which is not there; keep both together or give a .glb")
         return path.read_bytes()
 

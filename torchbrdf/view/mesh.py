@@ -18,7 +18,7 @@ MESH_SUFFIXES = (".ply", ".obj", ".glb", ".gltf")
 CREASE_ANGLE = radians(60)
 """Faces that meet at a larger angle keep normals of their own, where a file brings none."""
 
-_FARTHEST = 1e30
+_FARTHEST, _NEAREST = 1e30, 1e-37  # of single precision
 _KNOWN = f"{', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]}"
 _LOST = "have no area, fewer than three corners, or cross themselves"
 _LOST_ONE = "has no area, fewer than three corners, or crosses itself"
@@ -123,6 +123,8 @@ def _read(path: Path) -> list[Polygons]:
     for part in parts:
         if not (np.abs(part.vertices) < _FARTHEST).all():
             raise ValueError(f"{path}: some vertices are NaN, infinite or beyond {_FARTHEST:g}")
+        if 0 < np.abs(part.vertices).max(initial=0) < _NEAREST:
+            raise ValueError(f"{path}: all vertices are within {_NEAREST:g} of one point; is it the right unit?")
     return parts
 
 

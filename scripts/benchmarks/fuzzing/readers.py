@@ -20,7 +20,7 @@ from torchbrdf.view import TriangleMesh
 FileMutation = Callable[[InputFile, Random, Sequence[InputFile]], InputFile]
 
 
-PROBE_CONSTANT = 256 << 20
+PROBE_CONSTANT = 384 << 20
 """As `fuzzing.reading.CONSTANT`, for light probes: pictures of whatever size are cut onto at least 512 rows."""
 
 

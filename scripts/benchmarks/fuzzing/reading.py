@@ -14,7 +14,7 @@ from pathlib import Path
 
 import torch
 
-CONSTANT = 64 << 20
+CONSTANT = 192 << 20
 """Bytes that reading may ask for beside `TIMES_FILE` times the file, where a reader names no other number."""
 
 TIMES_FILE = 4

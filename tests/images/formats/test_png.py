@@ -239,3 +239,10 @@ def test_a_header_that_asks_for_terabytes_is_refused(path):
     path.write_bytes(huge)
     with pytest.raises(ValueError, match=r"a\.png: not a readable PNG image"):
         read_image(path, allow_ldr=True)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_one_pixel_may_be_turned(path, orientation):
+    pixels = np.full((1, 1, 4), 128, "u1")
+    path.write_bytes(png_of(pixels, chunk(b"eXIf", exif(orientation))))
+    assert read_image(path, allow_ldr=True).shape == (3, 1, 1)

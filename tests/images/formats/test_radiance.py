@@ -324,3 +324,10 @@ def test_what_is_written_is_read(path):
     assert stored.values.flags.c_contiguous
     assert stored.colours() == (None, None)
     assert abs(stored.values - picture().numpy()).max() <= 100 / 128
+
+
+def test_one_column_from_right_to_left(path):
+    """An axis of one pixel hides its direction from NumPy, and torch takes no negative strides."""
+    stored = np.full((3, 1, 4), 128, "u1")
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-X 3 -Y 1\n" + stored.tobytes())
+    assert read_image(path).shape == (3, 1, 3)

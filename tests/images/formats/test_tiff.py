@@ -287,3 +287,9 @@ def test_a_header_that_asks_for_terabytes_is_refused(path):
 def test_values_can_be_written_to(path):
     save(path, FLOAT)
     assert torch.equal(read_image(path).add_(1), torch.from_numpy(FLOAT).permute(2, 0, 1) + 1)
+
+
+def test_a_profile_that_is_text(path):
+    save(path, FLOAT, extratags=[(34675, "s", 0, "no profile", True)])
+    with pytest.raises(ValueError, match=r"a\.tif: not a readable TIFF image \(its colour profile is damaged\)$"):
+        read_image(path)

@@ -83,7 +83,7 @@ def _upright(values: np.ndarray, orientation: int) -> np.ndarray:
         values = values[..., ::-1, :]
     if orientation in (2, 3, 6, 7):
         values = values[..., ::-1]
-    return np.ascontiguousarray(values)
+    return values.copy()  # an axis of one pixel keeps a negative stride else, which torch does not take
 
 
 def check_pixel_aspect(path: Path, ratio: float) -> None:

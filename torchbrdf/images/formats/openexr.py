@@ -18,7 +18,7 @@ KIND = "OpenEXR"
 SUFFIXES = (".exr",)
 SIGNATURES = (b"\x76\x2f\x31\x01",)
 
-_ERRORS = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+_ERRORS = (RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError)
 """What the library raises for damaged files."""
 
 _MOST_PIXELS_A_BYTE = {"NO": 4, "RLE": 64, "ZIPS": 1040, "ZIP": 1040, "PIZ": 400, "PXR24": 1040, "B44": 16, "B44A": 16}

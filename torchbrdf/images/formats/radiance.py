@@ -59,7 +59,7 @@ def read(path: Path) -> Stored:
     values = rgbe[..., :3] * step[rgbe[..., 3:]]
     values, about = _over(path, values, [*numbers["EXPOSURE"], *numbers["COLORCORR"]])
     return Stored(
-        np.ascontiguousarray(_upright(values, header.axes).transpose(2, 0, 1)),
+        _upright(values, header.axes).transpose(2, 0, 1).copy(),  # torch takes no negative strides
         KIND,
         colours=lambda: _colours(path, numbers["PRIMARIES"]),
         about=about,

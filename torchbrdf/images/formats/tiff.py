@@ -133,7 +133,9 @@ def _named_alpha(stored: Stored, extra: tuple[int, ...] | None) -> Stored:
 
 def _colours(path: Path, tags: dict[int, Any]) -> Colours:
     if profile := tags[_PROFILE]:
-        return colours_of_profile(path, bytes(profile))
+        if not isinstance(profile, bytes):
+            raise unreadable(path, KIND, "its colour profile is damaged")
+        return colours_of_profile(path, profile)
     chromaticities, white = tags[_CHROMATICITIES], tags[_WHITE_POINT]
     if chromaticities is None or white is None:
         return Colours()
