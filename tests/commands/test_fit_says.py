@@ -3,14 +3,13 @@
 import warnings
 from pathlib import Path
 
-import numpy as np
-import OpenEXR
 import pytest
 import torch
 from torch import Tensor
 
 import torchbrdf as tb
 from discs import disc
+from picture_files import window, write_exr
 from torchbrdf.cli import main
 
 SIZE = 16
@@ -80,14 +79,8 @@ def test_a_photograph_that_says_how_it_is_read(fit, photo):
 
 def write_half_recorded(path: Path, image: Tensor) -> None:
     """An .exr with alpha whose last fifteen columns were not recorded."""
-    corner = np.array([0, 0], "i4")
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
-        "displayWindow": (corner, np.array([74, 59], "i4")), "dataWindow": (corner, np.array([59, 59], "i4")),
-    }  # fmt: skip
-    planes = {name: np.ascontiguousarray(plane[:, :60].numpy()) for name, plane in zip("RGBA", image, strict=True)}
-    with OpenEXR.File(header, planes) as file:
-        file.write(str(path))
+    planes = {name: plane[:, :60].numpy() for name, plane in zip("RGBA", image, strict=True)}
+    write_exr(path, planes, displayWindow=window(0, 0, 74, 59), dataWindow=window(0, 0, 59, 59))
 
 
 def test_every_warning_of_the_report_is_said(fit, photo, reports):

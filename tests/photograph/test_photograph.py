@@ -1,11 +1,11 @@
 """A photograph and its mask from files: what may be used, and what is said of it."""
 
 import numpy as np
-import OpenEXR
 import pytest
 import torch
 
 from discs import disc
+from picture_files import window, write_exr
 from torchbrdf.images import Window, write_image
 from torchbrdf.photograph.photograph import Photograph
 
@@ -17,9 +17,7 @@ def write(path, alpha=None, **header):
     planes = {name: np.arange(1200, dtype="f4").reshape(30, 40) + k for k, name in enumerate("RGB")}
     if alpha is not None:
         planes["A"] = alpha.astype("f4")
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
-    with OpenEXR.File(header, planes) as file:
-        file.write(str(path))
+    write_exr(path, planes, **header)
     return path
 
 
@@ -60,10 +58,7 @@ def test_alpha_that_tells_nothing_is_no_mask(tmp_path, value):
 
 
 def test_what_was_not_recorded_is_not_used(tmp_path, mask):
-    corners = {
-        "displayWindow": (np.array([0, 0], "i4"), np.array([49, 59], "i4")),
-        "dataWindow": (np.array([5, 20], "i4"), np.array([44, 49], "i4")),
-    }
+    corners = {"displayWindow": window(0, 0, 49, 59), "dataWindow": window(5, 20, 44, 49)}
     found = Photograph.open(write(tmp_path / "a.exr", **corners))
     assert found.image.shape == (3, 60, 50)
     assert found.window == Window(5, 20, 40, 30)

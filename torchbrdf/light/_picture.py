@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.images import ColourSpace, Picture, read_picture
+from torchbrdf.images.formats import read_headers
 from torchbrdf.light._soundness import fill, share_and_place, sound, warn
 from torchbrdf.light.latlong import from_bands, from_edge_columns, resize, row_solid_angles
 from torchbrdf.light.layouts import Circle, layout_of, looks_like
@@ -175,8 +176,7 @@ def _said_by(path: Path) -> tuple[str | None, str | None]:
         return None, None
     import OpenEXR
 
-    with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-        header = dict(file.parts[0].header)  # the file takes its own with it
+    header = read_headers(path)[0]
     kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     rows, kind = header.get(ROWS_KEY), header.get("envmap")  # of any type, in files of others
     return rows if isinstance(rows, str) else None, kinds[kind] if isinstance(kind, type(OpenEXR.ENVMAP_CUBE)) else None
