@@ -136,7 +136,7 @@ def _print_findings(findings: Sequence[Finding], options: argparse.Namespace) ->
         faults.setdefault(finding.signature, []).append(finding)
     again = ""
     for (reader, kind, where), same in faults.items():
-        same.sort(key=lambda finding: finding.share.input(finding.index)[0].size)
+        same.sort(key=_smallest_first)
         message = same[0].problem.message
         print(f"\n{reader}: {kind}, {len(same)} inputs{f', {where}' if where else ''}: {message}")
         for finding in same[:_EXAMPLES]:
@@ -155,6 +155,12 @@ def _print_findings(findings: Sequence[Finding], options: argparse.Namespace) ->
             again = again or f"{_SCRIPT} {shlex.quote(str(saved))} --reader {reader}"
     if again:
         print(f"\nThe first once more: {again}")
+
+
+def _smallest_first(finding: Finding) -> tuple[int, bool, int]:
+    """The same order however many workers found them."""
+    file, _ = finding.share.input(finding.index)
+    return file.size, finding.share.seed is not None, finding.index
 
 
 def parser() -> Parser:

@@ -12,11 +12,13 @@ import pytest
 import fuzz_readers as script
 import planted_readers
 import torchbrdf.light.probe
+from fuzzing.campaign import Finding
 from fuzzing.files import InputFile
 from fuzzing.formats import openexr, png
 from fuzzing.mutations import mutated, mutated_json
 from fuzzing.readers import READERS
-from fuzzing.reading import CONSTANT
+from fuzzing.reading import CONSTANT, Problem
+from fuzzing.worker import Share
 from torchbrdf.command_line import INTERRUPTED
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are watched through /proc")
@@ -124,6 +126,13 @@ def test_pieces_and_several_processes_find_the_same(options: Namespace, monkeypa
     script.fuzz(options)
     expected = [i for i in bad_inputs("raises", 48) if i >= 8][:3]
     assert {path.name for path in options.output.iterdir()} == {f"raises-0-{i}.txt" for i in expected}
+
+
+def test_findings_are_saved_in_order_whoever_found_them_first(options: Namespace, capsys: pytest.CaptureFixture):
+    share = Share("planted_readers", "raises", planted_readers.SEEDS, 0, 0, 50)
+    problem = Problem("exception", "here", "no")
+    script._print_findings([Finding(share, index, problem) for index in (40, 9, 24, 18, 12)], options)
+    assert {path.name for path in options.output.iterdir()} == {f"raises-0-{i}.txt" for i in (9, 12, 18)}
 
 
 def test_seeds_and_numbers_choose_the_files():
