@@ -28,6 +28,11 @@ class Photograph:
     window: Window | None = None
     about: tuple[str, ...] = ()
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.image.shape[-2], self.image.shape[-1]
+
     @classmethod
     def open(
         cls,
