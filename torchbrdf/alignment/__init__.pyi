@@ -5,3 +5,4 @@ from .alignment import (
 from .exposure import Exposure as Exposure
 from .learned_rotation import LearnedRotation as LearnedRotation
 from .settings import Range as Range
+from .silhouette import FoundSilhouette as FoundSilhouette

@@ -17,10 +17,13 @@ from torch import Tensor
 from torchbrdf.alignment._search import RotationSearch, Summit, Trial
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.settings import Range
+from torchbrdf.alignment.silhouette import CLEAR, FoundSilhouette, find, guessed
 from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
 from torchbrdf.estimation.priors import farthest_points, image_angles
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
+from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import HarmonicBasis, unsuited
 from torchbrdf.view import Frames, View
@@ -30,9 +33,6 @@ EXPECTED = radians(5)
 
 CONFIDENT = radians(1)
 """Standard deviation about the least certain axis up to which a photograph tells the rotation."""
-
-CLEAR = log(10)
-"""Log odds above which a probe is turned."""
 
 _PREFERRED = 1.0
 """Log evidence by which a turn is better for `covariance` to tell of it."""
@@ -71,6 +71,7 @@ class Alignment:
     exposure      what the photograph has to be divided by; None unless asked for
     converged     whether the search ended by itself
     evaluations   how many rotations were looked at
+    sight         the silhouette, found together with the rotation, and the observation inside it; None unless asked for
     """
 
     rotation: Tensor
@@ -82,6 +83,17 @@ class Alignment:
     exposure: Exposure | None
     converged: bool
     evaluations: int
+    sight: FoundSilhouette | None = None
+
+    @property
+    def silhouette(self) -> Circle | Ball | None:
+        """Of the ball, as found; the guess where no other is clearly better, None unless asked for."""
+        return None if self.sight is None else self.sight.silhouette
+
+    @property
+    def observation(self) -> Observation | None:
+        """The photograph resampled with that silhouette, to fit with; None unless it was asked for."""
+        return None if self.sight is None else self.sight.observation
 
     @cached_property
     def probe(self) -> LightProbe:
@@ -115,7 +127,8 @@ class Alignment:
         warning = "" if self.confident else ", more than this photograph can tell for sure"
         blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
         exposed = f"; {self.exposure}" if self.exposure else ""
-        return f"light probe {what}{blurred} ({certainty}{warning}){exposed}"
+        seen = f"; {self.sight}" if self.sight else ""
+        return f"light probe {what}{blurred} ({certainty}{warning}){exposed}{seen}"
 
 
 def align(
@@ -127,6 +140,7 @@ def align(
     mask: Tensor | None = None,
     search: Range = "near",
     start: Tensor | None = None,
+    silhouette: Circle | Ball | bool = False,
     blur: bool = False,
     exposure: bool = False,
     white_balance: bool = False,
@@ -139,6 +153,10 @@ def align(
     mask      (1, H, W) bool, True = use; None for all pixels of the view
     search    "near": within about 20 degrees. "full": about the vertical axis +Y by any angle, and near that
     start     (3, 3): the rotation that is believed, and kept where no other is clearly better; None for none
+    silhouette  find where the ball is in the photograph, too, from a first guess up to 3 % of its diameter off, as the
+              view shows it: a circle, or a ball before the photograph's camera. Image and mask are then the
+              photograph's, of any size, with as much around the ball as there is. True guesses the circle that a square
+              photograph inscribes
     blur      find a blur of the probe too
     exposure, white_balance  find a factor of the photograph too, one for all channels or one for each; a photograph
               tells neither better than materials that look alike differ in albedo, see `Exposure.std`
@@ -149,19 +167,31 @@ def align(
     """
     if search not in get_args(Range):
         raise ValueError(f"search must be one of {', '.join(get_args(Range))}, got {search!r}")
-    y, used, batch = check_observation(image, mask, Frames((view.mask,)), False)
-    if batch:
-        raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
     reason = unsuited(view)
     if reason is not None:
         raise ValueError(f"align needs an orthographic camera and a shape without shadows: {reason}")
+    moving = None
+    if silhouette is not False:
+        guess = guessed(image, mask, view, silhouette)
+        observe(image, guess, mask, view.size[0])  # raises where there is nothing to see
+        moving = MovingSilhouette(image, guess, mask, view.size[0])
+        y, used = moving.seen(torch.zeros(3, dtype=torch.float64))[None], moving.used
+    else:
+        y, used = _packed(image, mask, view)
     light = HarmonicBasis(library, probe, view, progress)
-    y = y[..., used[0]].to(light.transport.device, torch.float64)
-    task = RotationSearch(light, y, used[0], EXPECTED)
+    task = RotationSearch(light, y.to(light.transport.device, torch.float64), used, EXPECTED)
     believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
     starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
-    summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
-    log_odds = summit.log_evidence - believed.log_evidence - log(_TURNS if search == "full" else 1)
+    turn_costs = log(_TURNS if search == "full" else 1)
+    seen = None
+    if moving is None:
+        summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
+    else:
+        joint = find(task, moving, believed, starts, turn_costs)
+        believed, summit = joint.believed, joint.summit
+        seen = joint.silhouette(moving, image, mask, view)
+        task = task.seeing(joint.shown)
+    log_odds = summit.log_evidence - believed.log_evidence - turn_costs
     turned = log_odds > CLEAR
     best = summit.trial if turned else believed
     sigma = 0.0
@@ -177,10 +207,19 @@ def align(
         covariance=torch.linalg.inv(summit.precision) + torch.outer(away, away),
         log_odds=log_odds,
         blur=sigma,
-        exposure=exposure_of(y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
+        exposure=exposure_of(task.y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
         converged=summit.converged,
         evaluations=task.evaluations,
+        sight=seen,
     )
+
+
+def _packed(image: Tensor, mask: Tensor | None, view: View) -> tuple[Tensor, Tensor]:
+    """The pixels used of one photograph, (1, 3, P), and which those are of the view's."""
+    y, used, batch = check_observation(image, mask, Frames((view.mask,)), False)
+    if batch:
+        raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
+    return y[..., used[0]], used[0]
 
 
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:

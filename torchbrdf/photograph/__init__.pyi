@@ -1,3 +1,7 @@
+from .moving import (
+    REACH as REACH,
+    MovingSilhouette as MovingSilhouette,
+)
 from .observation import (
     LARGEST_DEFAULT_SIZE as LARGEST_DEFAULT_SIZE,
     Observation as Observation,
