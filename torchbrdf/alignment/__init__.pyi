@@ -5,4 +5,7 @@ from .alignment import (
 from .exposure import Exposure as Exposure
 from .learned_rotation import LearnedRotation as LearnedRotation
 from .settings import Range as Range
-from .silhouette import FoundSilhouette as FoundSilhouette
+from .silhouette import (
+    FoundSilhouette as FoundSilhouette,
+    circle_of as circle_of,
+)

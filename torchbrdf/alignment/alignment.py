@@ -71,7 +71,7 @@ class Alignment:
     exposure      what the photograph has to be divided by; None unless asked for
     converged     whether the search ended by itself
     evaluations   how many rotations were looked at
-    sight         the silhouette, found together with the rotation, and the observation inside it; None unless asked for
+    ball          its silhouette, found together with the rotation, and the observation inside it; None unless asked for
     """
 
     rotation: Tensor
@@ -83,17 +83,17 @@ class Alignment:
     exposure: Exposure | None
     converged: bool
     evaluations: int
-    sight: FoundSilhouette | None = None
+    ball: FoundSilhouette | None = None
 
     @property
     def silhouette(self) -> Circle | Ball | None:
         """Of the ball, as found; the guess where no other is clearly better, None unless asked for."""
-        return None if self.sight is None else self.sight.silhouette
+        return None if self.ball is None else self.ball.silhouette
 
     @property
     def observation(self) -> Observation | None:
         """The photograph resampled with that silhouette, to fit with; None unless it was asked for."""
-        return None if self.sight is None else self.sight.observation
+        return None if self.ball is None else self.ball.observation
 
     @cached_property
     def probe(self) -> LightProbe:
@@ -127,7 +127,7 @@ class Alignment:
         warning = "" if self.confident else ", more than this photograph can tell for sure"
         blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
         exposed = f"; {self.exposure}" if self.exposure else ""
-        seen = f"; {self.sight}" if self.sight else ""
+        seen = f"; {self.ball}" if self.ball else ""
         return f"light probe {what}{blurred} ({certainty}{warning}){exposed}{seen}"
 
 
@@ -183,13 +183,13 @@ def align(
     believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
     starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
     turn_costs = log(_TURNS if search == "full" else 1)
-    seen = None
+    ball = None
     if moving is None:
         summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
     else:
         joint = find(task, moving, believed, starts, turn_costs)
         believed, summit = joint.believed, joint.summit
-        seen = joint.silhouette(moving, image, mask, view)
+        ball = joint.silhouette(moving, image, mask, view)
         task = task.seeing(joint.shown)
     log_odds = summit.log_evidence - believed.log_evidence - turn_costs
     turned = log_odds > CLEAR
@@ -200,17 +200,22 @@ def align(
     away = rotation_vector(summit.trial.rotation @ best.rotation.T)
     if summit.trial.log_evidence - believed.log_evidence < _PREFERRED:
         away = torch.zeros(3, dtype=torch.float64)
+    rotation, basis, source = best.rotation, best.basis, probe.blurred(sigma)
+    if ball is not None and ball.view is not view:
+        if turned:
+            rotation = ball.turn_from(view) @ rotation
+        basis = HarmonicBasis(library, source, ball.view).basis_at(rotation)
     return Alignment(
-        rotation=best.rotation,
-        source=probe.blurred(sigma),
-        basis=best.basis,
+        rotation=rotation,
+        source=source,
+        basis=basis,
         covariance=torch.linalg.inv(summit.precision) + torch.outer(away, away),
         log_odds=log_odds,
         blur=sigma,
         exposure=exposure_of(task.y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
         converged=summit.converged,
         evaluations=task.evaluations,
-        sight=seen,
+        ball=ball,
     )
 
 

@@ -48,6 +48,12 @@ class FoundSilhouette:
     observation: Observation
     view: View
 
+    def turn_from(self, view: View) -> Tensor:
+        """(3, 3): by which a light turns that is to look from this view as it did from another of the same camera."""
+        if not isinstance(view, SphereView) or not isinstance(self.view, SphereView):
+            return torch.eye(3, dtype=torch.float64)
+        return self.view.rotation @ view.rotation.T
+
     @property
     def moved(self) -> bool:
         """Whether the guess was off."""
