@@ -17,11 +17,14 @@ EXPECTED = 0.03
 """Standard deviation, in radii, of how far a silhouette is moved to each side, and its radius grown, before the
 photograph is seen."""
 
-UNKNOWN = 0.5
-"""Standard deviation of the radiance beside the ball from any that a material explains, in parts of the ball's."""
+UNKNOWN = 0.25
+"""Standard deviation of the radiance beside the ball from any that a material explains, in parts of the ball's; at most
+as much as radiance differs across the silhouette: in a fog as bright as the ball nothing tells where it ends."""
 
-_RIM = 0.9
-"""Radii beyond which a pixel of the view belongs to the rim."""
+_RIM = 0.07
+"""Share of the pixels of a view, the outermost, that are its rim."""
+
+_LEAST = torch.finfo(torch.float64).tiny
 
 _BLUNT = 0.6
 """Pixels of the view over which edges are smeared before a silhouette is found exactly: they stop no climb then."""
@@ -67,7 +70,9 @@ class SilhouetteSearch:
     def __init__(self, rotations: RotationSearch, moving: MovingSilhouette) -> None:
         """Nothing is computed yet."""
         self.rotations, self.moving = rotations, moving
-        self._seen_rim = _rim_share(rotations.light.view.mask, moving.used)
+        rim = _rim(rotations.light.view.mask)
+        self._rim = rim[moving.used]
+        self._seen_rim = float(moving.used[rim].double().mean())
         self._outside: float | None = None
 
     def sight(self, rotation: Tensor, shift: Tensor) -> Sight:
@@ -136,19 +141,24 @@ class SilhouetteSearch:
     def _told(self, trial: Trial) -> float:
         """Log evidence that a material explains what is inside, rather than nothing."""
         assert self._outside is not None
-        return trial.log_evidence - self._outside
+        return max(0.0, trial.log_evidence - self._outside)
 
     def _as_unknown(self, trial: Trial) -> float:
         """Log evidence of the pixels, were their radiance unknown."""
-        bank = trial.explanation.bank
-        _, energy = bank.space.project(trial.y)
-        lit = energy[energy > 0]
-        return -0.5 * self.rotations.weight * float((UNKNOWN**2 * lit).log().sum())
+        space = trial.explanation.bank.space
+        _, energy = space.project(trial.y)
+        square = UNKNOWN**2 * energy[0]
+        if bool(self._rim.any()):
+            inside, outside = (self._y(torch.tensor([0.0, 0.0, g], dtype=torch.float64))[0] for g in (-REACH, REACH))
+            across = ((outside - inside) * space.inverse)[:, self._rim].square().mean(-1)
+            square = torch.minimum(square, trial.y.shape[-1] * across)
+        lit = energy[0] > 0
+        return -0.5 * self.rotations.weight * float(square[lit].clamp_min(_LEAST).log().sum())
 
 
-def _rim_share(mask: Tensor, used: Tensor) -> float:
-    """Share of the pixels at the silhouette that are used."""
+def _rim(mask: Tensor) -> Tensor:
+    """(P,) bool: the pixels of a view at its silhouette."""
     n = mask.shape[-1]
     middles = (torch.arange(n, dtype=torch.float64) + 0.5) * (2 / n) - 1
-    rim = (torch.hypot(middles, middles[:, None]) > _RIM)[mask[0]]
-    return float(used[rim].double().mean())
+    distance = torch.hypot(middles, middles[:, None])[mask[0]]
+    return distance >= distance.quantile(1 - _RIM)
