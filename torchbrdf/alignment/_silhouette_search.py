@@ -49,10 +49,14 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class SightSummit:
-    """Where a climb ended, as `Summit`; the precision (6, 6) or (3, 3) is by turns, and by shifts behind them."""
+    """Where a climb ended, as `Summit`; the precision (6, 6) or (3, 3) is by turns, and by shifts behind them.
+
+    height  the log posterior at the best
+    """
 
     sight: Sight
     precision: Tensor
+    height: float
     log_evidence: float
     converged: bool
 
@@ -117,7 +121,7 @@ class SilhouetteSearch:
         pace = (1.0, MOST_STEPS) if turning else (_LONGEST_STRETCH, _MOST_STEPS)
         top = ascend(start, height, slope, moved, *pace)
         volume = -0.5 * float(torch.logdet(top.precision)) - float(sigma.log().sum())
-        return SightSummit(top.best, top.precision, top.height + volume, top.converged)
+        return SightSummit(top.best, top.precision, top.height, top.height + volume, top.converged)
 
     def climb_bluntly(self, start: Sight) -> SightSummit:
         """`climb` of the silhouette alone: from where edges are smeared, which stop it nowhere, to where it is."""

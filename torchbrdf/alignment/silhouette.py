@@ -19,7 +19,11 @@ from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.view import SphereView, View
 
 CLEAR = log(10)
-"""Log odds above which a probe is turned, or a silhouette moved."""
+"""Log odds above which a probe is turned."""
+
+MOVED = 3.0
+"""Log density that another silhouette must have beyond the guess, which is never right to the last digit: so its place
+is not weighed against all others."""
 
 _PREFERRED = 1.0
 """Log evidence by which another silhouette is better for `covariance` to tell of it."""
@@ -36,7 +40,8 @@ class FoundSilhouette:
     guess        that was given
     covariance   (3, 3) float64 of x, y and radius, in pixels of the photograph, squared: what the photograph leaves
                  open, and the way to what it would prefer where that is not clearly better
-    log_odds     natural logarithm of the odds that the guess was off rather than right
+    log_gain     by how much the logarithm of the posterior density is higher than that of the guess; the silhouette is
+                 moved where that is more than MOVED
     observation  the photograph resampled to the pixels of the view
     view         of the silhouette; that of a ball has its direction and size
     """
@@ -44,7 +49,7 @@ class FoundSilhouette:
     silhouette: Circle | Ball
     guess: Circle | Ball
     covariance: Tensor
-    log_odds: float
+    log_gain: float
     observation: Observation
     view: View
 
@@ -116,14 +121,14 @@ class Joint:
     summit      of rotations with that silhouette, with what it leaves open about them
     shift       (3,) of the silhouette; None where the guess is kept
     covariance  (3, 3) float64 of shifts, see `FoundSilhouette`
-    log_odds    that the guess was off
+    log_gain    see `FoundSilhouette`
     """
 
     believed: Trial
     summit: Summit
     shift: Tensor | None
     covariance: Tensor
-    log_odds: float
+    log_gain: float
 
     @property
     def shown(self) -> Tensor:
@@ -141,7 +146,7 @@ class Joint:
             silhouette=found,
             guess=guess,
             covariance=to_pixels @ self.covariance @ to_pixels,
-            log_odds=self.log_odds,
+            log_gain=self.log_gain,
             observation=observe(image, found, mask, n),
             view=SphereView.of_ball(n, found) if isinstance(found, Ball) and self.shift is not None else view,
         )
@@ -164,22 +169,24 @@ def find(
     costs = CLEAR + turn_costs
     covariance = torch.linalg.inv(together.precision)
     told, turned = covariance[3:, 3:], torch.linalg.inv(covariance[:3, :3])
-    best_moved = max(alone.log_evidence, together.log_evidence - costs)
-    log_odds = min(best_moved - kept.log_evidence, _moved_rather_than_not(together))
-    if log_odds < _DECIDED:
+    any_shift = alone.log_evidence - alone.height
+    best_moved = max(alone.log_evidence, together.log_evidence - costs) - any_shift
+    log_gain = min(best_moved - kept.log_evidence, _moved_rather_than_not(together))
+    still = None
+    if log_gain < _DECIDED:
         still = max((rotations.climb(start) for start in starts), key=attrgetter("log_evidence"))
-        log_odds = best_moved - max(kept.log_evidence, still.log_evidence - costs)
-    away = together.sight.shift
-    if log_odds > CLEAR:
+        log_gain = best_moved - max(kept.log_evidence, still.log_evidence - costs)
+    if still is None or log_gain > MOVED:
         gained = together.log_evidence - alone.log_evidence
         chosen = together.sight if gained > costs else alone.sight
         trial = alone.sight.trial if chosen is alone.sight else search.moved(kept, chosen.shift).trial
         summit = Summit(together.sight.trial, turned, trial.log_evidence + gained, together.converged)
-        return Joint(trial, summit, chosen.shift, told, log_odds)
+        return Joint(trial, summit, chosen.shift, told, log_gain)
+    away = together.sight.shift
     if together.sight.log_evidence - kept.log_evidence >= _PREFERRED:
         told = told + torch.outer(away, away)
     summit = Summit(still.trial, turned, still.log_evidence, still.converged and together.converged)
-    return Joint(believed, summit, None, told, log_odds)
+    return Joint(believed, summit, None, told, log_gain)
 
 
 def _moved_rather_than_not(together: SightSummit) -> float:

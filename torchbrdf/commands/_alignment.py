@@ -73,7 +73,7 @@ def silhouette_record(ball: FoundSilhouette) -> dict[str, object]:
         "radius": radius,
         "standard_deviations": ball.std,
         "moved": ball.moved,
-        "log_odds": ball.log_odds,
+        "log_gain": ball.log_gain,
     }
 
 

@@ -32,12 +32,13 @@ class MovingSilhouette:
     guess   the silhouette from which shifts (3,) count: to the right, up, both in its radii as the camera turned
             towards it sees them, and the logarithm of the growth of the radius
     used    (P,) bool: the pixels of the view whose area is usable wherever the silhouette is; background counts, so
-            that the same pixels are compared everywhere
+            that the same pixels are compared everywhere. Exact blackness does not: it is what a cut-out leaves around
+            a ball, and its edge is that of whole pixels
     """
 
     def __init__(self, image: Tensor, guess: Circle | Ball, mask: Tensor | None, n: int) -> None:
         """See `observe` for what they are. Raises ValueError where there is no such pixel."""
-        usable = torch.isfinite(image).all(0, keepdim=True)
+        usable = torch.isfinite(image).all(0, keepdim=True) & (image != 0).any(0, keepdim=True)
         if mask is not None:
             usable &= mask
         self.guess, self._soft = guess, _SOFT
