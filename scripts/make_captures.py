@@ -17,8 +17,9 @@ probe.exr         the true light in the camera's frame; probe_turned.exr: turned
 ideal.exr         what the method wants: an orthographic sphere of 64 x 64 pixels, 1 % noise; ideal_clean.exr without
 truth.json        material, probe, camera, where the balls are (direction, ellipse, circle), exposures, clipping
 
-OUT/targets/PROBE/MATERIAL.exr are the materials under all probes, for scripts/benchmarks/capture.py. Everything is
-drawn from --seed and the capture's name; folders are whole or absent, and those that are there stay.
+OUT/targets/PROBE/MATERIAL.exr are the materials under all probes, OUT/lights/PROBE.exr these probes, for
+scripts/benchmarks/capture.py. Everything is drawn from --seed and the capture's name; folders are whole or absent:
+interrupted, the same command goes on where it stopped.
 """
 
 import argparse
@@ -48,6 +49,8 @@ from torchbrdf.images import write_image
 from torchbrdf.mitsuba_startup import load_mitsuba
 
 TRUTH = "truth.json"
+TARGET_NOISE = 0.015
+MOST_TARGET_SAMPLES = 1 << 16
 ANALYTIC_SET = ("blue-billiard", "copper-blasted", "terracotta", "white-plastic")
 
 
@@ -61,12 +64,14 @@ def make_capture(
     inside = slice(margin, margin + plan.frame.height), slice(margin, margin + plan.frame.width)
     truth: dict[str, Any] = {"format": FORMAT, "plan": plan.described(), "material": plan.material, "probe": plan.probe}
 
-    def rendered(ball: Placement, bsdf: Mapping[str, Any], what: str) -> Tensor:
+    def rendered(ball: Placement, bsdf: Mapping[str, Any], what: str, around: Tensor | None = None) -> Tensor:
         seed = int(plan.generator(what).integers(1 << 40))
-        return CaptureScene(mi, plan, light, ball, bsdf).render(frame, samples, ball_samples, seed)
+        scene = CaptureScene(mi, plan, light, ball, bsdf)
+        around = scene.render(frame, samples, seed) if around is None else around
+        return scene.with_ball(around, frame, ball_samples, seed + 1)
 
     photo = rendered(plan.ball, material.bsdf, "photo")
-    chrome = rendered(plan.ball, CHROME, "chrome")
+    chrome = rendered(plan.ball, CHROME, "chrome", around=photo)
     chrome_60 = rendered(plan.other_place, CHROME_60, "chrome60")
     on_ball = photo[:, *plan.ball.window(frame, margin=-int(0.15 * plan.ball.ellipse(frame).b))].flatten(1)
     level = float(on_ball.mean())
@@ -142,15 +147,21 @@ def probes_of(name: str, folder: Path) -> dict[str, tb.LightProbe]:
     return open_probes([folder / "probes" / file for file in ALL_PROBES])
 
 
+def save_lights(folder: Path, probes: Mapping[str, tb.LightProbe]) -> None:
+    """The probes under which there are targets, as this program reads them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, probe in probes.items():
+        probe.save(folder / f"{name}.exr")
+
+
 def run(options: argparse.Namespace) -> int:
     load_mitsuba()
     materials = {one.name: one for one in materials_of(options.set, options.data)}
     probes = probes_of(options.set, options.data)
     lights = PROBES.get(options.set, ("room",))
-    frame = Frame(*options.size, options.fov)
-    plans = plans_of(
-        list(materials), lights, options.count, frame, options.seed, options.shift, options.alone
-    )
+    height, width = options.size
+    frame = Frame(height, width, options.fov)
+    plans = plans_of(list(materials), lights, options.count, frame, options.seed, options.shift, options.alone)
     with tqdm(plans, desc="captures") as bar:
         for plan in bar:
             bar.set_postfix_str(plan.name)
@@ -163,8 +174,10 @@ def run(options: argparse.Namespace) -> int:
                     temporary, plan, materials[plan.material], probes[plan.probe], options.samples,
                     options.ball_samples, options.ideal_size,
                 )  # fmt: skip
+    if not options.no_targets:
+        save_lights(options.output / "lights", probes)
     used = [materials[name] for name in dict.fromkeys(plan.material for plan in plans)]
-    quality = Quality(options.ideal_size, options.target_samples, seed=options.seed, max_samples=1 << 16)
+    quality = Quality(options.ideal_size, options.target_samples, TARGET_NOISE, MOST_TARGET_SAMPLES, options.seed)
     made = [] if options.no_targets else list(make_targets(options.output / "targets", used, probes, quality))
     problems = [problem for _, problem in made if problem is not None]
     for problem in problems:
@@ -179,16 +192,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     text = "materials and lights to choose on, to report on, or built-in ones that need no data; default: design"
     parser.add_argument("--set", choices=sets, default="design", help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the captures")
-    parser.add_argument("--data", type=Path, default=SHARED, help="folder of rgl, rgl_more and probes; default: ../shared/data")
+    parser.add_argument(
+        "--data", type=Path, default=SHARED, help="folder of rgl, rgl_more and probes; default: ../shared/data"
+    )
     parser.add_argument("--count", type=int, default=12, help="captures; default: 12")
-    parser.add_argument("--size", type=int, nargs=2, default=(480, 720), metavar=("H", "W"), help="pixels of photographs")
+    parser.add_argument(
+        "--size", type=int, nargs=2, default=(480, 720), metavar=("H", "W"), help="pixels of photographs"
+    )
     parser.add_argument("--fov", type=float, default=24.0, metavar="DEG", help="horizontal field of view; default: 24")
     parser.add_argument("--alone", action="store_true", help="nothing but the ball and the light")
     parser.add_argument("--shift", type=float, default=0.0, metavar="PIXELS", help="move each bracket by up to this")
     parser.add_argument("--samples", type=int, default=48, help="a pixel")
     parser.add_argument("--ball-samples", type=int, default=192, help="a pixel around the ball")
-    parser.add_argument("--ideal-size", type=int, default=64, help="pixels along a side of ideal observations and targets")
-    parser.add_argument("--target-samples", type=int, default=4096, help="a pixel of the targets, at first")
+    parser.add_argument(
+        "--ideal-size", type=int, default=64, help="pixels along a side of ideal observations and targets"
+    )
+    parser.add_argument("--target-samples", type=int, default=1024, help="a pixel of the targets, at first")
     parser.add_argument("--no-targets", action="store_true", help="only captures")
     parser.add_argument("--seed", type=int, default=0)
     return exit_status("make_captures", run, parser.parse_args(argv), RESUMABLE)

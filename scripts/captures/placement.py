@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Frame:
-    """A pinhole camera's picture: height and width in pixels, horizontal field of view in degrees; axis in the middle."""
+    """A pinhole camera's picture: pixels, and the horizontal field of view in degrees. The axis is in its middle."""
 
     height: int = 480
     width: int = 720

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 NOISE = 0.01
-"""Of the linear photograph where it is as bright as the ball on average; shot noise, so relatively less in highlights."""
+"""Of the linear photograph where it is as bright as the ball on average; shot noise, so relatively less if brighter."""
 
 _READ_NOISE = 0.0005
 _FULL_WELL = 40_000
@@ -55,7 +55,9 @@ class Exposure:
         return _BASE_TIME * Fraction(2) ** self.stops
 
 
-def brackets_of(image: Tensor, ball: Tensor, level: float, shift: float, generator: np.random.Generator) -> list[Exposure]:
+def brackets_of(
+    image: Tensor, ball: Tensor, level: float, shift: float, generator: np.random.Generator
+) -> list[Exposure]:
     """Exposures from where nothing of the picture saturates to where the ball's dark parts are bright.
 
     image  (3, H, W); ball: (3, P), its pixels on the ball; level: radiance that is medium grey at the base time
@@ -113,8 +115,7 @@ def write_bracket(path: Path, pixels: np.ndarray, exposure: Exposure, fov_deg: f
             _FOCAL_LENGTH_35: round(film),
         }
     )
-    settings = {"quality": 95, "subsampling": 0} if path.suffix == ".jpg" else {}
-    Image.fromarray(pixels).save(path, exif=exif, **settings)
+    Image.fromarray(pixels).save(path, exif=exif, quality=95, subsampling=0)  # .png knows neither
 
 
 _MAKE, _MODEL, _EXIF = 0x010F, 0x0110, 0x8769

@@ -1,7 +1,6 @@
-"""The scene around the ball for Mitsuba: stand, table and what lies on it; and its pictures, the ball with more samples.
+"""The scene around the ball for Mitsuba: stand, table and what lies on it; and pictures, the ball with more samples.
 
-Units are radii of the ball. All but the ball stands behind it or under it and covers about a hundredth of the light that
-the ball sees.
+Units are radii of the ball. Table and stand are behind it and under it, where they hide little of the light.
 """
 
 from collections.abc import Mapping
@@ -28,9 +27,7 @@ _DEPTH = 4
 class CaptureScene:
     """A ball of a BSDF under a probe in the camera's frame, with the surroundings of a plan."""
 
-    def __init__(
-        self, mi: ModuleType, plan: Plan, probe: LightProbe, ball: Placement, bsdf: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, mi: ModuleType, plan: Plan, probe: LightProbe, ball: Placement, bsdf: Mapping[str, Any]) -> None:
         """Build the scene."""
         self._mi, self._plan, self._ball = mi, plan, ball
         parts: SceneDict = {
@@ -43,31 +40,31 @@ class CaptureScene:
             parts |= stand(mi, plan, ball) | table(mi, plan)
         self._scene = mi.load_dict(parts)
 
-    def render(self, frame: Frame, samples: int, ball_samples: int, seed: int) -> Tensor:
-        """Radiance (3, H, W) as a camera records it, none below zero; the ball's window has `ball_samples` a pixel."""
-        everything = slice(0, frame.height), slice(0, frame.width)
-        image = self._window(frame, everything, samples, seed)
-        window = self._ball.window(frame)
-        image[:, *window] = self._window(frame, window, ball_samples, seed + 1)
-        return image.clamp_min(0)
+    def render(self, frame: Frame, samples: int, seed: int) -> Tensor:
+        """Radiance (3, H, W) as a camera records it, none below zero, with some samples a pixel."""
+        return self._window(frame, (slice(0, frame.height), slice(0, frame.width)), samples, seed)
+
+    def with_ball(self, around: Tensor, frame: Frame, samples: int, seed: int) -> Tensor:
+        """A picture of the same surroundings whose window of the ball is rendered anew."""
+        image, window = around.clone(), self._ball.window(frame)
+        image[:, *window] = self._window(frame, window, samples, seed)
+        return image
 
     def _window(self, frame: Frame, window: tuple[slice, slice], samples: int, seed: int) -> Tensor:
         rows, columns = window
         height, width = rows.stop - rows.start, columns.stop - columns.start
         side = max(1, isqrt(min(samples, _PATHS_AT_ONCE // (height * width))))  # the sampler wants squares
         camera = self._mi.load_dict(sensor(self._mi, frame, window, self._plan.aperture, self._ball.distance - 0.5))
-        total = np.zeros((height, width, 3))
+        total = np.zeros((height, width, 3), dtype=np.float64)
         passes = ceil(samples / side**2)
         for index in range(passes):
             one_seed = int(np.random.SeedSequence([seed, index]).generate_state(1)[0])
             picture = self._mi.render(self._scene, sensor=camera, spp=side**2, seed=one_seed)
-            total += np.asarray(picture, dtype=float)
-        return torch.from_numpy(total / passes).permute(2, 0, 1).float()
+            total += np.asarray(picture, dtype=np.float64)
+        return torch.from_numpy(total / passes).permute(2, 0, 1).float().clamp_min(0)
 
 
-def sensor(
-    mi: ModuleType, frame: Frame, window: tuple[slice, slice], aperture: float, focus: float
-) -> SceneDict:
+def sensor(mi: ModuleType, frame: Frame, window: tuple[slice, slice], aperture: float, focus: float) -> SceneDict:
     """The camera of a window of the picture: linear RGB, means over the areas of pixels."""
     rows, columns = window
     film = {
@@ -83,9 +80,11 @@ def sensor(
         "filter": {"type": "box"},
     }
     pose = mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, -1], up=[0, 1, 0])
-    lens = {"type": "thinlens", "aperture_radius": aperture, "focus_distance": focus} if aperture else {
-        "type": "perspective"
-    }
+    lens = (
+        {"type": "thinlens", "aperture_radius": aperture, "focus_distance": focus}
+        if aperture
+        else {"type": "perspective"}
+    )
     sampler = {"type": "multijitter"}
     clip = {"near_clip": 0.1, "far_clip": 1e4}
     return {**lens, "to_world": pose, "fov": frame.fov_deg, "fov_axis": "x", "film": film, "sampler": sampler, **clip}
@@ -97,7 +96,7 @@ def stand(mi: ModuleType, plan: Plan, ball: Placement) -> SceneDict:
     x, y, z = ball.centre.tolist()
     grey = float(generator.uniform(0.05, 0.4))
     bsdf = _twosided(_diffuse([grey] * 3))
-    radius, cup = float(generator.uniform(0.08, 0.16)), float(generator.uniform(0.2, 0.35))
+    radius, cup = float(generator.uniform(0.05, 0.08)), float(generator.uniform(0.13, 0.2))
     top = y - float(np.sqrt(1 - cup**2))
     rod = {"type": "cylinder", "p0": [x, top - 0.1, z], "p1": [x, y - 6, z], "radius": radius, "bsdf": bsdf}
     ring = {"type": "cylinder", "p0": [x, top - 0.15, z], "p1": [x, top + 0.02, z], "radius": cup, "bsdf": bsdf}
@@ -110,15 +109,15 @@ def table(mi: ModuleType, plan: Plan) -> SceneDict:
     """A textured table behind the ball, and textured boxes and cylinders on it."""
     generator = plan.generator("table")
     lowest = min(plan.ball.centre[1], plan.other_place.centre[1])
-    near, far = plan.ball.distance + 11, plan.ball.distance + 50
+    near, far = plan.ball.distance + 14, plan.ball.distance + 55
     level = float(lowest - generator.uniform(1.8, 2.8))
     pose = mi.ScalarTransform4f().translate([0, level, -(near + far) / 2]).rotate([1, 0, 0], -90)
-    pose = pose.scale([14, (far - near) / 2, 1])
+    pose = pose.scale([11, (far - near) / 2, 1])
     parts: SceneDict = {"table": {"type": "rectangle", "to_world": pose, "bsdf": _textured(mi, generator, 6)}}
     for i in range(int(generator.integers(5, 10))):
         z = float(generator.uniform(near + 2, far - 2))
         half = np.tan(np.radians(plan.frame.fov_deg) / 2) * z
-        x = float(generator.uniform(-min(half, 13), min(half, 13)))
+        x = float(generator.uniform(-min(half, 10), min(half, 10)))
         width, depth, height = (float(generator.uniform(low, high)) for low, high in ((0.4, 1.4), (0.4, 1.4), (0.8, 4)))
         bsdf = _textured(mi, generator, 1)
         if generator.uniform() < 0.3:
