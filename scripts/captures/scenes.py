@@ -55,12 +55,12 @@ class CaptureScene:
         height, width = rows.stop - rows.start, columns.stop - columns.start
         side = max(1, isqrt(min(samples, _PATHS_AT_ONCE // (height * width))))  # the sampler wants squares
         camera = self._mi.load_dict(sensor(self._mi, frame, window, self._plan.aperture, self._ball.distance - 0.5))
-        total = np.zeros((height, width, 3), dtype=np.float64)
+        total = np.zeros((height, width, 3))
         passes = ceil(samples / side**2)
         for index in range(passes):
             one_seed = int(np.random.SeedSequence([seed, index]).generate_state(1)[0])
             picture = self._mi.render(self._scene, sensor=camera, spp=side**2, seed=one_seed)
-            total += np.asarray(picture, dtype=np.float64)
+            total = total + np.asarray(picture)
         return torch.from_numpy(total / passes).permute(2, 0, 1).float().clamp_min(0)
 
 
@@ -167,5 +167,5 @@ def _clouds(generator: np.random.Generator, size: int) -> np.ndarray:
     total = np.zeros((size, size))
     for cells in (4, 8, 16, 32, 64):
         coarse = generator.uniform(-1, 1, (cells, cells)).astype(np.float32)
-        total += cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC) / cells**0.5
+        total = total + cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC) / cells**0.5
     return np.clip(0.5 + total, 0, 1)
