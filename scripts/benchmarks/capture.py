@@ -40,11 +40,15 @@ HEAD = [
 ]  # fmt: skip
 
 
-def truths_of(folder: Path) -> dict[str, dict[str, Any]]:
-    """The captures of a folder by name. Raises FileNotFoundError where there are none, or no targets."""
+def truths_of(folder: Path, only: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
+    """The captures of a folder by name. Raises FileNotFoundError where there are none, or no targets of one."""
     found = {path.parent.name: json.loads(path.read_text()) for path in sorted(folder.glob("[!.]*/truth.json"))}
     if not found:
         raise FileNotFoundError(f"{folder}: no captures here; make them with scripts/make_captures.py -o {folder}")
+    unknown = [name for name in only if name not in found]
+    if unknown:
+        raise ValueError(f"--only {unknown[0]}: there are {', '.join(found)}")
+    found = {name: found[name] for name in only or found}
     for name, truth in found.items():
         if not list(folder.glob(f"targets/*/{truth['material']}.exr")):
             raise FileNotFoundError(
@@ -116,12 +120,7 @@ def _cell(case: Mapping[str, Any], ideal: Mapping[str, Any] | None) -> str:
 
 
 def run(options: argparse.Namespace) -> None:
-    truths = truths_of(options.captures)
-    if options.only:
-        unknown = [name for name in options.only if name not in truths]
-        if unknown:
-            raise ValueError(f"--only {unknown[0]}: there are {', '.join(truths)}")
-        truths = {name: truths[name] for name in options.only}
+    truths = truths_of(options.captures, options.only)
     chosen = stages(options.by_hand)
     if options.stages:
         chosen = [stage for stage in chosen if any(text in stage.name for text in options.stages)]
@@ -153,7 +152,7 @@ def run(options: argparse.Namespace) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser.of_script(__doc__)
     parser.add_argument("captures", type=Path, help="folder that make_captures.py wrote")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="these captures; default: all")
+    parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these captures; default: all")
     parser.add_argument("--stages", nargs="+", metavar="TEXT", help="whose names hold one of these texts; default: all")
     parser.add_argument("--by-hand", action="store_true", help="give the circles of all balls, from the truth")
     parser.add_argument("--library", type=Path, help="folder of MERL tables; default: the embedded library")

@@ -192,3 +192,14 @@ def test_a_stage_is_run_and_scored_and_not_run_again(program, tmp_path: Path, ti
     program("raise SystemExit(1)")
     assert benchmark.main(options) == 0
     assert capsys.readouterr().out == first
+
+
+def test_only_what_is_asked_for_needs_targets_and_what_is_not_there_is_named(tmp_path: Path):
+    for name, material in (("one", "felt"), ("two", "silk")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "truth.json").write_text(json.dumps(TRUTH | {"material": material}))
+    (tmp_path / "targets" / "dawn").mkdir(parents=True)
+    (tmp_path / "targets" / "dawn" / "felt.exr").touch()
+    assert list(benchmark.truths_of(tmp_path, ["one"])) == ["one"]
+    with pytest.raises(ValueError, match="--only three: there are one, two"):
+        benchmark.truths_of(tmp_path, ["three"])
