@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from captures.placement import Frame, Placement, towards
-from torchbrdf.light import rotation_of
+from torchbrdf.light import rotation_of, rotation_vector
 
 FORMAT = "torchbrdf capture 1"
 
@@ -121,7 +121,7 @@ def _drawn(name: str, material: str, probe: str, frame: Frame, seed: int, sunny:
         frame=frame,
         ball=ball,
         other_place=other,
-        turn=_vector(rotation),
+        turn=tuple(rotation_vector(rotation).tolist()),
         sun=sun if sunny else None,
         aperture=float(generator.choice([0.0, 0.06, 0.12])),
         response=str(generator.choice(["srgb", "s-curve"])),
@@ -156,9 +156,3 @@ def towards_sun(up_deg: float, aside_deg: float) -> tuple[float, float, float]:
     up, aside = radians(up_deg), radians(aside_deg)
     x, y, z = np.sin(aside) * np.cos(up), np.sin(up), np.cos(aside) * np.cos(up)
     return float(x), float(y), float(z)
-
-
-def _vector(rotation: Tensor) -> tuple[float, ...]:
-    from torchbrdf.light import rotation_vector
-
-    return tuple(rotation_vector(rotation).tolist())

@@ -164,8 +164,8 @@ def pattern(generator: np.random.Generator, size: int = 128) -> np.ndarray:
 def _clouds(generator: np.random.Generator, size: int) -> np.ndarray:
     import cv2
 
-    total = np.zeros((size, size))
+    layers = []
     for cells in (4, 8, 16, 32, 64):
-        coarse = generator.uniform(-1, 1, (cells, cells)).astype(np.float32)
-        total = total + cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC) / cells**0.5
-    return np.clip(0.5 + total, 0, 1)
+        coarse = generator.uniform(-1, 1, (cells, cells)).astype(np.float32) / cells**0.5
+        layers.append(cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC))
+    return np.clip(0.5 + np.sum(layers, axis=0), 0, 1)
