@@ -12,6 +12,7 @@ import capture as benchmark
 import capture_stages
 import torchbrdf as tb
 from capture_stages import BY_HAND, IDEAL, STAGES, Capture, run_commands, stages
+from materials import TINY_MATERIALS
 from torchbrdf.experiments import Target
 
 TRUTH = {
@@ -40,6 +41,11 @@ def case(error: float | None, *warnings: str, seconds: float = 1.0) -> dict[str,
         "seconds": seconds,
         "message": "fit: error: no ball" if error is None else None,
     }
+
+
+@pytest.fixture(scope="module")
+def table() -> tb.MerlTable:
+    return tb.MerlTable.from_function(TINY_MATERIALS["red"], "red")
 
 
 @pytest.fixture
@@ -122,8 +128,7 @@ def test_a_command_is_available_with_an_option_that_its_help_shows(program):
 # Scores
 
 
-def test_the_error_is_the_mean_over_lights_of_the_tables_renderings(tiny_library: tb.MaterialLibrary):
-    table = tiny_library.table("red")
+def test_the_error_is_the_mean_over_lights_of_the_tables_renderings(table: tb.MerlTable):
     room = tb.LightProbe.default(16)
     lit = {"a": room, "b": room.rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))}
     view = tb.SphereView(12)
@@ -169,8 +174,8 @@ def test_a_folder_without_captures_or_targets_is_refused(tmp_path: Path):
         benchmark.truths_of(tmp_path)
 
 
-def test_a_stage_is_run_and_scored_and_not_run_again(program, tmp_path: Path, tiny_library: tb.MaterialLibrary, capsys):
-    table, room, view = tiny_library.table("red"), tb.LightProbe.default(16), tb.SphereView(12)
+def test_a_stage_is_run_and_scored_and_not_run_again(program, tmp_path: Path, table: tb.MerlTable, capsys):
+    room, view = tb.LightProbe.default(16), tb.SphereView(12)
     table.save(tmp_path / "brdf.binary")
     root = tmp_path / "captures"
     for name in ("dawn", "noon"):
