@@ -63,9 +63,9 @@ class Capture:
         about = [*self.fov, *self.circle("ball"), *more, *self.options]
         return ["fit", str(photo), "--probe", str(probe), *about, "-o", str(self.work)]
 
-    def probe(self, photo: Path, ball: str, *more: str) -> Command:
+    def probe(self, photo: Path, ball: str) -> Command:
         """`torchbrdf probe` of a mirror ball, to probe.exr."""
-        about = [*self.fov, *self.circle(ball), *more]
+        about = [*self.fov, *self.circle(ball), "--mirror-reflectance", f"{self.truth[ball]['reflectance']:g}"]
         return ["probe", str(photo), *about, "-o", str(self.work / "probe.exr")]
 
 
@@ -91,16 +91,12 @@ def _with(probe: str, *more: str) -> Callable[[Capture], list[Command]]:
     return lambda capture: [capture.fit(capture.folder / "photo.exr", capture.folder / probe, *more)]
 
 
-def _mirror(capture: Capture) -> list[Command]:
-    photo, chrome = capture.folder / "photo.exr", capture.folder / "chrome.exr"
-    return [capture.probe(chrome, "chrome"), capture.fit(photo, capture.work / "probe.exr")]
+def _mirror(ball: str) -> Callable[[Capture], list[Command]]:
+    def commands(capture: Capture) -> list[Command]:
+        made = capture.probe(capture.folder / f"{ball}.exr", ball)
+        return [made, capture.fit(capture.folder / "photo.exr", capture.work / "probe.exr")]
 
-
-def _mirror_60(capture: Capture) -> list[Command]:
-    photo, chrome = capture.folder / "photo.exr", capture.folder / "chrome60.exr"
-    reflectance = f"{capture.truth['chrome60']['reflectance']:g}"
-    made = capture.probe(chrome, "chrome60", "--reflectance", reflectance)
-    return [made, capture.fit(photo, capture.work / "probe.exr")]
+    return commands
 
 
 def _mirror_read_by_fit(capture: Capture) -> list[Command]:
@@ -111,10 +107,12 @@ def _mirror_read_by_fit(capture: Capture) -> list[Command]:
 
 def _brackets(capture: Capture) -> list[Command]:
     photo, chrome = capture.work / "photo.exr", capture.work / "chrome.exr"
-    merged = [
-        ["merge", *capture.brackets(name), "-o", str(path)] for name, path in (("photo", photo), ("chrome", chrome))
+    return [
+        ["merge", *capture.brackets("chrome"), "-o", str(chrome)],
+        ["merge", *capture.brackets("photo"), "--like", str(chrome), "-o", str(photo)],
+        capture.probe(chrome, "chrome"),
+        capture.fit(photo, capture.work / "probe.exr"),
     ]
-    return [*merged, capture.probe(chrome, "chrome"), capture.fit(photo, capture.work / "probe.exr")]
 
 
 FINDING = "fit --ball"
@@ -125,8 +123,8 @@ STAGES = (
     Stage(IDEAL, (), _ideal),
     Stage("photograph, true probe", (FINDING,), _with("probe.exr")),
     Stage("probe turned by 2 degrees, --align", (FINDING,), _with("probe_turned.exr", "--align")),
-    Stage("mirror ball", (FINDING, "probe"), _mirror),
-    Stage("mirror ball of 60 % elsewhere", (FINDING, "probe"), _mirror_60),
+    Stage("mirror ball", (FINDING, "probe"), _mirror("chrome")),
+    Stage("mirror ball of 60 % elsewhere", (FINDING, "probe"), _mirror("chrome60")),
     Stage("8-bit brackets of both", (FINDING, "probe", "merge"), _brackets),
     Stage("clipped lamps, --align", (FINDING,), _with("probe_clipped.exr", "--align")),
     Stage("clipped lamps as they are", (FINDING,), _with("probe_clipped.exr")),

@@ -21,7 +21,7 @@ TRUTH = {
     "probe": "dawn",
     "fov_deg": 24.0,
     "ball": {"circle": [100.0, 50.0, 20.0]},
-    "chrome": {"circle": [101.0, 51.0, 21.0]},
+    "chrome": {"circle": [101.0, 51.0, 21.0], "reflectance": 1.0},
     "chrome60": {"circle": [102.0, 52.0, 22.0], "reflectance": 0.6},
     "photo_brackets": [{"file": "photo_0.jpg"}, {"file": "photo_1.jpg"}],
     "chrome_brackets": [{"file": "chrome_0.jpg"}],
@@ -79,16 +79,16 @@ def test_by_hand_the_circle_is_given():
 
 def test_brackets_are_merged_before_the_mirror_ball_is_unwrapped_and_the_ball_fitted():
     assert commands("8-bit brackets of both") == [
-        "merge in/photo_0.jpg in/photo_1.jpg -o out/photo.exr",
         "merge in/chrome_0.jpg -o out/chrome.exr",
-        "probe out/chrome.exr --fov 24 -o out/probe.exr",
+        "merge in/photo_0.jpg in/photo_1.jpg --like out/chrome.exr -o out/photo.exr",
+        "probe out/chrome.exr --fov 24 --mirror-reflectance 1 -o out/probe.exr",
         "fit out/photo.exr --probe out/probe.exr --fov 24 --library merl -o out",
     ]
 
 
 def test_the_reflectance_of_a_mirror_ball_is_given():
     first, _ = commands("mirror ball of 60 % elsewhere")
-    assert first == "probe in/chrome60.exr --fov 24 --reflectance 0.6 -o out/probe.exr"
+    assert first == "probe in/chrome60.exr --fov 24 --mirror-reflectance 0.6 -o out/probe.exr"
 
 
 def test_by_hand_nothing_needs_to_be_found_and_the_mirror_ball_is_read_by_fit():
