@@ -1,6 +1,5 @@
-"""A photograph becomes a table: what `fit`, `live` and `demo` share."""
+"""An observation becomes a table: what `fit`, `live` and `demo` share."""
 
-import argparse
 import json
 import warnings
 from dataclasses import dataclass
@@ -9,105 +8,16 @@ from pathlib import Path
 from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.commands._inputs import RESULT, about, open_view
+from torchbrdf.commands._inputs import RESULT
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, Constraint, MaterialClasses, Penalty, Reconstruction
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
 from torchbrdf.light import LightProbe
-from torchbrdf.photograph import (
-    LARGEST_DEFAULT_SIZE,
-    Circle,
-    Observation,
-    Photograph,
-    find_circle,
-    observe,
-    observe_view,
-)
+from torchbrdf.photograph import Observation
 from torchbrdf.rendering import render_basis
-from torchbrdf.report import Subject, write_report
+from torchbrdf.report import Scene, Subject, write_report
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
-
-_FAR_OFF_AXIS_DEG = 2.0
-"""From here on the probe of a ball beside the camera's axis is turned by more than its alignment would be."""
-
-_SMALL_SHARE = 0.25
-"""Of the view's pixels: with fewer the command warns."""
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What is seen of the shape, and how it was found there.
-
-    about  for people: how the file was read, the silhouette, the pixels used
-    """
-
-    observation: Observation
-    view: View
-    about: str
-
-
-def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
-    """The photograph, its mask and circle, resampled to `size`, and the shape that it shows."""
-    photograph = Photograph.open(
-        options.photo,
-        options.mask,
-        invert_mask=options.invert_mask,
-        allow_ldr=options.allow_ldr,
-        layer=options.layer,
-        primaries=options.primaries,
-        encoding=options.encoding,
-    )
-    if options.view == "sphere":
-        observation, view, silhouette = _ball(options, photograph, size)
-    else:
-        if options.circle is not None:
-            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
-        view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.image.shape[-1]))
-        with about(options.photo):
-            observation = observe_view(photograph.image, view, photograph.usable)
-        silhouette = f"shape of {options.view}"
-    used, seen = int(observation.mask.sum()), len(view.pixels)
-    if used < _SMALL_SHARE * seen:
-        warnings.warn(f"{options.photo}: only {used} of the shape's {seen} pixels are used", UserWarning, stacklevel=2)
-    height, width = view.size
-    read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
-    return Sight(
-        observation,
-        view,
-        f"{options.photo}{read}: {silhouette}; {used} of its {seen} pixels used, at {height} x {width}",
-    )
-
-
-def _ball(options: argparse.Namespace, photograph: Photograph, size: int | None) -> tuple[Observation, View, str]:
-    """What a photograph shows of a ball, the view of it, and where its circle comes from."""
-    height, width = photograph.image.shape[1:]
-    if options.circle is not None:
-        circle, origin = Circle(*options.circle), "as given"
-        if circle.leaves(height, width):
-            message = f"{options.photo}: --circle, {circle}, leaves the photograph on opposite sides"
-            warnings.warn(message, UserWarning, stacklevel=2)
-    else:
-        with about(options.mask or options.photo):
-            circle = find_circle((height, width), photograph.mask, photograph.window)
-        origin = "of the mask" if photograph.mask is not None else "as large as the photograph"
-        if photograph.mask is None and photograph.window is not None:
-            origin = "as large as what was recorded"
-    with about(options.photo):
-        observation = observe(photograph.image, circle, photograph.usable, size)
-    n = observation.image.shape[-1]
-    if options.fov is None:
-        return observation, open_view(options, n), f"{circle}, {origin}"
-    fov_deg = circle.fov_deg(width, options.fov)
-    off_axis = circle.off_axis_deg(height, width, options.fov)
-    if off_axis > _FAR_OFF_AXIS_DEG:
-        message = (
-            f"{options.photo}: the ball is {off_axis:.1f} degrees off the camera's axis and taken as if it were on it: "
-            "the probe must be turned by as much; --align finds that"
-        )
-        warnings.warn(message, UserWarning, stacklevel=2)
-    view = open_view(argparse.Namespace(**vars(options) | {"fov": fov_deg}), n)
-    return observation, view, f"{circle}, {origin}, {fov_deg:g} degrees across"
 
 
 @dataclass(frozen=True)
@@ -160,6 +70,7 @@ def write_results(
     library: MaterialLibrary,
     settings: dict[str, str],
     primaries: ColourSpace = DEFAULT_SPACE,
+    scene: Scene | None = None,
 ) -> None:
     """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; warns of all that the report does."""
     fitted.table.save(folder / RESULT)
@@ -175,7 +86,8 @@ def write_results(
         "classes": f"{fitted.classes.sizes} basis BRDFs",
     }
     observability = fitted.estimator.observability(library)
-    for warning in write_report(folder / "report.html", subject, description, observability=observability):
+    warned = write_report(folder / "report.html", subject, description, observability=observability, scene=scene)
+    for warning in warned:
         warnings.warn(warning, UserWarning, stacklevel=2)
 
 

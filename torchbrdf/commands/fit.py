@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.alignment import Range
-from torchbrdf.commands._options import STD, add_estimation, add_light, add_output, add_shape, add_strict
+from torchbrdf.commands._options import STD, add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
 _ONLY_WITH_ALIGN = ("search", "blur", "exposure", "white_balance")
@@ -17,6 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, help=text)
     add_light(parser)
     add_shape(parser)
+    add_camera(parser)
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     add_estimation(parser)
     group = parser.add_argument_group("alignment of the light probe with the photograph")
@@ -37,7 +38,8 @@ def run(options: argparse.Namespace) -> int:
     from torchbrdf.brdf import MerlTable, above_horizon
     from torchbrdf.commands import _alignment
     from torchbrdf.commands._inputs import open_library, open_probe
-    from torchbrdf.commands._reconstruction import fit, read_observation, summary, write_results
+    from torchbrdf.commands._reconstruction import fit, summary, write_results
+    from torchbrdf.commands._sight import read_observation
     from torchbrdf.transport import BasisImages
 
     check_options(options)
@@ -66,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
             settings["alignment"] = str(found)
             written = f"alignment.json, aligned_probe.exr, {written}"
         fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
-        write_results(folder, fitted, probe, library, settings, options.primaries)
+        write_results(folder, fitted, probe, library, settings, options.primaries, sight.scene)
         if options.uncertainty:
             deviation = fitted.result.brdf_std(library).double()
             MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)
