@@ -15,6 +15,7 @@ import make_captures
 import torchbrdf as tb
 from captures import lights, plans, recording, scenes
 from captures.placement import Frame, Placement, towards
+from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import read_image
 from torchbrdf.light import rotation_of
 from torchbrdf.light.latlong import directions_at
@@ -59,6 +60,14 @@ def test_a_ball_on_the_axis_is_a_circle():
     ellipse = Placement(towards(0, 0), 15.0).ellipse(FRAME)
     radius = FRAME.focal * tan(np.arcsin(1 / 15))
     assert (ellipse.x, ellipse.y, ellipse.a, ellipse.b) == pytest.approx((36, 24, radius, radius))
+
+
+def test_the_packages_camera_finds_the_same_ball_by_the_circle_of_the_truth():
+    frame = Frame(480, 720, 60.0)
+    camera = PinholeCamera.of_fov((frame.height, frame.width), frame.fov_deg)
+    found = Ball.of_circle(camera, *CORNER.described(frame)["circle"])
+    assert found.direction == pytest.approx(CORNER.direction, abs=1e-7)
+    assert found.radius_deg == pytest.approx(CORNER.radius_deg, rel=1e-6)
 
 
 def test_the_window_holds_the_ball_and_little_more():
