@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import GRID, StoredColumns, cell_index, half_difference, norm_settings
-from torchbrdf.transport.harmonic.grid import Zone
+from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
 TOLERANCE = 2e-2
@@ -117,14 +117,25 @@ class _Samples:
     beta: Tensor
     delta: Tensor
 
+    def less(self, other: "_Samples") -> "_Samples":
+        """Of the difference of two kernels."""
+        return _Samples(
+            torch.cat([self.kernel, -other.kernel], -1),
+            torch.cat([self.weights, -other.weights], -1),
+            *(torch.cat([getattr(one, name) for one in (self, other)], -1) for name in ("cells", "beta", "delta")),
+        )
 
-def compute_group(stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int) -> Kernels:
-    """The kernels of one group of rings.
 
-    norms    (n,)  of `column_norms`
-    n_zones  among which the tolerance is shared, and among groups by their area in the image
+def compute_group(
+    stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int, perspective: bool = False
+) -> Kernels:
+    """The kernels of one group of rings, of an orthographic camera or what perspective adds to them.
+
+    norms        (n,)  of `column_norms`
+    n_zones      among which the tolerance is shared, and among groups by their area in the image
+    perspective  the kernels of `tilt_of` less those of none
     """
-    return _Group(stored, zone, rings, norms, n_zones).kernels()
+    return _Group(stored, zone, rings, norms, n_zones, perspective).kernels()
 
 
 def kernel_settings() -> list[object]:
@@ -133,13 +144,18 @@ def kernel_settings() -> list[object]:
 
 
 class _Group:
-    def __init__(self, stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int) -> None:
+    def __init__(
+        self, stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int, perspective: bool
+    ) -> None:
         self.stored, self.zone, self.rings, self.norms = stored, zone, rings, norms
         gamma, to_rings = zone.ring_quadrature
         to_rings = to_rings[rings.start : rings.stop]
         used = to_rings.amax(0) > 0
         self.to_rings = to_rings[:, used]
-        self.samples = _half_vectors(zone, gamma[used])
+        gamma = gamma[used]
+        self.samples = _half_vectors(zone, gamma, torch.zeros_like(gamma))
+        if perspective:
+            self.samples = _half_vectors(zone, gamma, tilt_of(gamma)).less(self.samples)
         share = zone.ring_measure[rings.start : rings.stop].sum() / zone.ring_measure.sum()
         self.allowance = TOLERANCE * float(share / (n_zones * 2 * len(BANDS))) ** 0.5
 
@@ -246,7 +262,7 @@ class _Group:
         for some in torch.arange(len(samples.weights)).split(max(1, _BLOCK // (n_nodes * 2 * r))):
             spread = torch.empty(len(some), n_nodes * 2 * r)
             for row, q in zip(spread, some.tolist(), strict=True):
-                seen = samples.weights[q] > 0
+                seen = samples.weights[q] != 0
                 columns = nodes[q][seen].reshape(-1, SUPPORT**2)
                 ends = torch.arange(0, columns.numel() + 1, SUPPORT**2)
                 matrix = csc_matrix(
@@ -282,8 +298,11 @@ def _needed(loadings: Tensor, size: Tensor, allowance: float) -> int:
     return int((most > allowance).sum())
 
 
-def _half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
-    """Half vectors of a zone for normals at polar angles gamma (Q,), two in theta_h for each row of MERL's grid."""
+def _half_vectors(zone: Zone, gamma: Tensor, tilt: Tensor) -> _Samples:
+    """Half vectors of a zone for rings gamma (Q,), two in theta_h for each row of MERL's grid.
+
+    tilt  (Q,)  of the view direction away from the normal
+    """
     edges = (torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)
     edges = edges[: int((edges < zone.reach).sum()) + 1]
     middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
@@ -296,12 +315,13 @@ def _half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
     window, measure = (values[lit].repeat_interleave(n) for values in (window, measure))
     h = torch.stack([torch.sin(theta_h) * torch.cos(phi_h), torch.sin(theta_h) * torch.sin(phi_h), torch.cos(theta_h)])
     h = h.flatten(1)[:, None]  # in the frame of the normal, whose first axis points down from the view direction
-    sine, cosine = torch.sin(gamma)[:, None], torch.cos(gamma)[:, None]
-    v = torch.stack([-sine, torch.zeros_like(sine), cosine])
+    seen = (gamma + tilt / 2)[:, None]
+    v = torch.stack([-torch.sin(seen), torch.zeros_like(seen), torch.cos(seen)])
     along = (h * v).sum(0)
     w = 2 * along * h - v
     kernel = w[2] * window * ((along > 0) & (w[2] > 0))
     weights = 4 * along * measure * kernel
+    sine, cosine = torch.sin(gamma - tilt / 2)[:, None], torch.cos(gamma - tilt / 2)[:, None]
     x, z = w[0] * cosine + w[2] * sine, w[2] * cosine - w[0] * sine
     beta, delta = torch.atan2(torch.hypot(x, w[1]), z), torch.atan2(w[1], x).abs()
     local_i, local_o = torch.broadcast_tensors(w.movedim(0, -1), v.movedim(0, -1))

@@ -35,6 +35,9 @@ _DUAL_REACH = 9
 
 RINGS_PER_GROUP = 12
 
+_PERSPECTIVE = 8.0
+"""Distance in radii of the camera from a ball whose perspective is held beside the orthographic view."""
+
 
 @dataclass(frozen=True)
 class Zone:
@@ -167,6 +170,16 @@ def _handover(theta_h: Tensor, start: float, end: float) -> Tensor:
     return t * t * (3 - 2 * t)
 
 
+def tilt_of(gamma: Tensor) -> Tensor:
+    """How far view directions are tilted away from the normal in the perspective that is held, on rings gamma.
+
+    A ring is named by the normal half way between the axis and the mirror direction: in perspective, the normal's
+    polar angle and half of the tilt. Where the ball ends, the view is grazing.
+    """
+    half = torch.atan2(torch.sin(gamma), 2 * _PERSPECTIVE - torch.cos(gamma))
+    return 2 * torch.minimum(half, pi / 2 - gamma)
+
+
 def zones() -> list[Zone]:
     """All zones, from the mirror direction outwards."""
     return [Zone(i, rows) for i, rows in enumerate(_ROWS)]
@@ -179,3 +192,8 @@ def _places(intervals: int) -> Tensor:
 def settings() -> list[object]:
     """What the grid depends on."""
     return [_TAPERS, _ROWS, _RINGS_PER_ROW, _WIDEST, _QUADRATURE, RINGS_PER_GROUP]
+
+
+def perspective_settings() -> list[object]:
+    """What the perspective that is held depends on beside it."""
+    return ["perspective", _PERSPECTIVE]
