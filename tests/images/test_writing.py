@@ -4,6 +4,7 @@ import os
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 from hypothesis import given, settings, strategies as st
@@ -103,6 +104,15 @@ def test_exr_metadata_round_trip(tmp_path):
     assert read_metadata(tmp_path / "plain.exr") == {}
 
 
+def test_exr_keeps_numbers_and_pixels_that_are_none(tmp_path):
+    image = picture()
+    image[:, 2, 3] = torch.nan
+    write_image(tmp_path / "a.exr", image, {"nominalFocalLength": 50.0, "owner": "someone"})
+    assert OpenEXR.File(str(tmp_path / "a.exr")).header()["nominalFocalLength"] == 50.0
+    assert read_metadata(tmp_path / "a.exr") == {"owner": "someone"}
+    assert torch.equal(torch.isnan(read_image(tmp_path / "a.exr")), torch.isnan(image))
+
+
 @pytest.mark.parametrize(
     ("name", "metadata", "message"),
     [
@@ -111,7 +121,7 @@ def test_exr_metadata_round_trip(tmp_path):
         ("a.exr", {"": "b"}, r"^metadata needs names of 1 to 31 characters and no zero bytes, got '': 'b'$"),
         ("a.exr", {"k" * 32: "b"}, "^metadata needs names of 1 to 31 characters"),
         ("a.exr", {"a": "b\0c"}, "no zero bytes"),
-        ("a.exr", {"a": 3}, "^metadata must be text by name, got 'a': 3$"),
+        ("a.exr", {"a": [3]}, r"^metadata must be text or numbers by name, got 'a': \[3\]$"),
     ],
 )
 def test_bad_metadata(tmp_path, name, metadata, message):

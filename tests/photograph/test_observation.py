@@ -1,9 +1,14 @@
 """Averages of a photograph over the pixels of a view: exact boxes, typed messages."""
 
+from math import radians, sin
+
 import pytest
 import torch
+from torch import Tensor
 
-from torchbrdf.photograph.observation import observe
+from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.photograph._summed_area import SummedArea
+from torchbrdf.photograph.observation import observe, tilted_boxes
 from torchbrdf.photograph.silhouette import Circle, find_circle
 from torchbrdf.view.sphere import SphereView
 
@@ -44,3 +49,58 @@ def test_not_finite_pixels_harm_only_where_they_are_used():
 def test_a_black_ball():
     with pytest.raises(ValueError, match="the ball is black: every usable pixel is 0"):
         observe(torch.zeros(3, 16, 16), find_circle((16, 16)))
+
+
+def shaded(normals: Tensor, view_dirs: Tensor) -> Tensor:
+    """(3, ...): some radiance that depends on both."""
+    cos_o = (normals * view_dirs).sum(0)
+    return torch.stack([1 + normals[0], 1 + normals[1] * cos_o, (2 + normals[2]) * cos_o])
+
+
+def photographed(ball: Ball, samples: int = 8) -> Tensor:
+    """(3, H, W): what the camera records of a ball whose radiance is `shaded`, and a bright background."""
+    height, width = ball.camera.size
+    steps = [((torch.arange(n * samples) + 0.5) / samples).double() for n in (height, width)]
+    y, x = torch.meshgrid(*steps, indexing="ij")
+    rays = ball.camera.rays(torch.stack([x, y], -1)).movedim(-1, 0)
+    middle = torch.tensor(ball.direction, dtype=torch.float64)[:, None, None] / sin(radians(ball.radius_deg))
+    along = (rays * middle).sum(0)
+    root = along.square() - middle.square().sum() + 1
+    hit = (along - root.clamp_min(0).sqrt()) * rays - middle
+    image = torch.where(root > 0, shaded(hit / hit.norm(dim=0), -rays), 7.0)
+    return image.unflatten(2, (width, samples)).unflatten(1, (height, samples)).mean((2, 4))
+
+
+@pytest.mark.parametrize(
+    ("fov_deg", "direction", "lens"),
+    [
+        (24.0, (0.1, 0.08, -1.0), ()),
+        (70.0, (0.3, -0.25, -1.0), ()),
+        (60.0, (-0.3, 0.2, -1.0), (-0.15, 0.03, 1e-3, -1e-3)),
+    ],
+)
+def test_a_ball_off_the_axis_is_seen_as_its_view_says(
+    fov_deg: float, direction: tuple[float, float, float], lens: tuple[float, ...]
+):
+    ball = Ball(PinholeCamera.of_fov((160, 240), fov_deg, distortion=lens), direction, fov_deg / 8)
+    seen = observe(photographed(ball), ball, size=20)
+    view = SphereView(20, ball.fov_deg, ball.direction)
+    steps = (torch.arange(16) + 0.5) / 16
+    u, v = (places.expand(len(view.pixels), -1) for places in torch.cartesian_prod(steps, steps).T)
+    points = view.surface(view.pixels, u, v)
+    expected = view.unpack(shaded(points.normals, points.view_dirs).mean(-1))
+    error = (seen.image - expected)[:, seen.mask[0]]
+    assert seen.mask.sum() >= view.mask.sum() - 20
+    assert float(error.abs().max()) < 0.012
+    assert abs(float(error.mean())) < 5e-4
+
+
+def test_an_observation_is_differentiable_in_the_ball():
+    photograph = torch.rand(1, 90, 120, generator=torch.Generator().manual_seed(0))
+    moved = torch.zeros(2, dtype=torch.float64, requires_grad=True)
+
+    def mean(offset: Tensor) -> Tensor:
+        boxes = tilted_boxes(lambda x, y: torch.stack([60.3 + 39.6 * x, 45.2 - 40.1 * y], -1) + offset, 8)
+        return (SummedArea(photograph).over(boxes) / boxes.area).mean()
+
+    assert torch.autograd.gradcheck(mean, (moved,), eps=1e-4, atol=1e-6)

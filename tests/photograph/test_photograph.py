@@ -67,6 +67,16 @@ def test_what_was_not_recorded_is_not_used(tmp_path, mask):
     assert found.about == ("recorded 30 x 40 of its pixels",)
 
 
+def test_pixels_that_no_exposure_holds_are_not_used(tmp_path, mask):
+    image = torch.ones(3, 30, 40)
+    image[1, 15, 24] = image[:, 0, :2] = torch.nan
+    image[0, 15, 23] = torch.inf
+    write_image(tmp_path / "a.exr", image)
+    found = Photograph.open(tmp_path / "a.exr", mask)
+    assert torch.equal(found.usable, BALL & ~torch.isnan(image).any(0))
+    assert found.about == ("left out 1 pixels that are not a number",)
+
+
 def test_sizes_must_agree(tmp_path, mask):
     write_image(tmp_path / "small.exr", torch.ones(3, 30, 39))
     message = r"mask\.png: mask must have the size of the photograph, 30 x 39, got 30 x 40$"

@@ -1,14 +1,14 @@
 """Where the ball is: known circles, masks that are none, and what is said of guesses."""
 
 import warnings
-from math import asin, degrees
 
 import pytest
 import torch
 
 from discs import disc
+from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
-from torchbrdf.photograph.silhouette import Circle, find_circle
+from torchbrdf.photograph.silhouette import Circle, find_ball, find_circle
 from torchbrdf.view.sphere import SphereView
 
 SIZES = [12, 30, 100]
@@ -142,18 +142,23 @@ def test_messages_for_bad_masks():
         Circle(4.0, 4.0, 1.0)
 
 
-def test_the_field_of_view_across_the_ball():
-    """A ball five radii away spans asin(1/5) on either side of the axis, whatever the photograph around it."""
-    across = 2 * degrees(asin(1 / 5))
-    for fov_deg, width in ((45.0, 130), (60.0, 1000)):
-        half_width = torch.tan(torch.deg2rad(torch.tensor(fov_deg / 2, dtype=torch.float64)))
-        tangent = torch.tan(torch.deg2rad(torch.tensor(across / 2, dtype=torch.float64)))
-        radius = float(tangent / half_width) * width / 2
-        assert Circle(width / 2, 60, radius).fov_deg(width, fov_deg) == pytest.approx(across, abs=6e-4)
-    assert Circle(32, 32, 32).fov_deg(64, 23.5) == 23.5
+CAMERA = PinholeCamera.of_fov((160, 240), 50)
 
 
-def test_the_angle_off_the_axis():
-    """A right angle of view: its half width is as far as the picture's plane."""
-    assert Circle(100, 50, 10).off_axis_deg(100, 100, 90.0) == pytest.approx(45)
-    assert Circle(50, 50, 10).off_axis_deg(100, 100, 90.0) == 0
+def mask_of(ball: Ball) -> torch.Tensor:
+    """(1, H, W): the pixels whose centres the ball covers."""
+    y, x = (torch.arange(n, dtype=torch.float64) + 0.5 for n in ball.camera.size)
+    return ball.contains(torch.stack(torch.broadcast_tensors(x, y[:, None]), -1))[None]
+
+
+def test_the_ball_of_a_mask_off_the_axis():
+    """A circle around its ellipse would be 1.5 pixels too wide."""
+    ball = Ball.of_circle(CAMERA, 180, 50, 30)
+    assert find_ball(CAMERA, mask_of(ball)).circle == pytest.approx((180, 50, 30), abs=0.4)
+
+
+def test_a_ball_that_fills_the_photograph_is_on_the_axis():
+    camera = PinholeCamera.of_fov((64, 64), 24)
+    ball = find_ball(camera)
+    assert ball.direction == pytest.approx((0, 0, -1), abs=1e-9)
+    assert ball.fov_deg == pytest.approx(24)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
+from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import DEFAULT_SPACE, converted, read_mask, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
@@ -53,10 +54,29 @@ def open_library(options: argparse.Namespace) -> MaterialLibrary:
     return MaterialLibrary.default() if options.library is None else MaterialLibrary.from_merl(options.library)
 
 
-def open_view(options: argparse.Namespace, size: int) -> View:
+def open_camera(options: argparse.Namespace, size: tuple[int, int]) -> PinholeCamera | None:
+    """The camera of a whole photograph of so many rows and columns; None where nothing tells its field of view."""
+    principal = None if options.principal is None else tuple(options.principal)
+    distortion = options.distortion or ()
+    if (options.focal_mm is None) != (options.sensor_mm is None):
+        raise ValueError("--focal-mm and --sensor-mm belong together: give both, or --fov")
+    if options.fov is not None:
+        if options.focal_mm is not None:
+            raise ValueError("--fov and --focal-mm say the same: give one of them")
+        return PinholeCamera.of_fov(size, options.fov, principal, distortion)
+    if options.focal_mm is not None:
+        return PinholeCamera.of_focal(size, options.focal_mm, options.sensor_mm, principal, distortion)
+    for key in ("principal", "distortion"):
+        if getattr(options, key) is not None:
+            raise ValueError(f"--{key} needs the camera's field of view: give --fov, or --focal-mm with --sensor-mm")
+    return None
+
+
+def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) -> View:
     """The view of `--view` and the camera's options.
 
     size  pixels along a side; a normal map brings its own
+    ball  where the camera sees a sphere; None for one that fills its picture
     """
     path = Path(options.view)
     if path.suffix.lower() in MESH_SUFFIXES:
@@ -71,7 +91,7 @@ def open_view(options: argparse.Namespace, size: int) -> View:
         if getattr(options, key) not in (None, False):
             raise ValueError(f"--{key.replace('_', '-')} is for a mesh, and --view is {options.view}")
     if options.view == "sphere":
-        return SphereView(size, options.fov)
+        return SphereView(size, options.fov) if ball is None else SphereView.of_ball(size, ball)
     if options.fov is not None:
         raise ValueError(f"--fov is for a sphere or a mesh, and --view is {options.view}")
     return NormalMapView.open(path)

@@ -157,6 +157,19 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--no-shadows", action="store_true", help="light the mesh as if it cast no shadows")
 
 
+def add_camera(parser: argparse.ArgumentParser) -> None:
+    """What else is known of the camera of a whole photograph than `--fov`."""
+    group = parser.add_argument_group("the camera of a whole photograph", "instead of --fov, and its lens")
+    text = "focal length, with --sensor-mm"
+    group.add_argument("--focal-mm", type=number(0), metavar="MM", help=text)
+    text = "of the sensor along the photograph's longer side: 36 for full frame"
+    group.add_argument("--sensor-mm", type=number(0), metavar="MM", help=text)
+    text = "where it looks, in pixels from the top left corner; default: the middle"
+    group.add_argument("--principal", type=number(), nargs=2, metavar=("X", "Y"), help=text)
+    text = "of the lens, by OpenCV's model: K1 K2 P1 P2 [K3 [K4 K5 K6 [S1 S2 S3 S4]]]"
+    group.add_argument("--distortion", type=number(), nargs="+", metavar="K", help=text)
+
+
 def add_estimation(parser: argparse.ArgumentParser) -> None:
     """What is used of a photograph, and how it is explained."""
     text = "image that is white where the shape may be used; default: the photograph's alpha, else all of it"

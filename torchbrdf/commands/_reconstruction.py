@@ -9,7 +9,8 @@ from pathlib import Path
 from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.commands._inputs import RESULT, about, open_view
+from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.commands._inputs import RESULT, about, open_camera, open_view
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, Constraint, MaterialClasses, Penalty, Reconstruction
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
@@ -19,6 +20,7 @@ from torchbrdf.photograph import (
     Circle,
     Observation,
     Photograph,
+    find_ball,
     find_circle,
     observe,
     observe_view,
@@ -27,9 +29,6 @@ from torchbrdf.rendering import render_basis
 from torchbrdf.report import Subject, write_report
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
-
-_FAR_OFF_AXIS_DEG = 2.0
-"""From here on the probe of a ball beside the camera's axis is turned by more than its alignment would be."""
 
 _SMALL_SHARE = 0.25
 """Of the view's pixels: with fewer the command warns."""
@@ -80,34 +79,35 @@ def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
 
 
 def _ball(options: argparse.Namespace, photograph: Photograph, size: int | None) -> tuple[Observation, View, str]:
-    """What a photograph shows of a ball, the view of it, and where its circle comes from."""
-    height, width = photograph.image.shape[1:]
+    """What a photograph shows of a ball, the view of it, and where its silhouette comes from."""
+    with about(options.photo):
+        camera = open_camera(options, photograph.size)
+        silhouette, origin = _silhouette(options, photograph, camera)
+        observation = observe(photograph.image, silhouette, photograph.usable, size)
+        ball = silhouette if isinstance(silhouette, Ball) else None
+        view = open_view(options, observation.image.shape[-1], ball)
+    seen = "" if ball is None else f", {ball.off_axis_deg:.1f} degrees off the axis of a {ball.camera}"
+    return observation, view, f"{silhouette}, {origin}{seen}"
+
+
+def _silhouette(
+    options: argparse.Namespace, photograph: Photograph, camera: PinholeCamera | None
+) -> tuple[Circle | Ball, str]:
+    """Where the ball is, and how that was found."""
     if options.circle is not None:
-        circle, origin = Circle(*options.circle), "as given"
-        if circle.leaves(height, width):
+        circle = Circle(*options.circle)
+        if circle.leaves(*photograph.size):
             message = f"{options.photo}: --circle, {circle}, leaves the photograph on opposite sides"
             warnings.warn(message, UserWarning, stacklevel=2)
-    else:
-        with about(options.mask or options.photo):
-            circle = find_circle((height, width), photograph.mask, photograph.window)
-        origin = "of the mask" if photograph.mask is not None else "as large as the photograph"
-        if photograph.mask is None and photograph.window is not None:
-            origin = "as large as what was recorded"
-    with about(options.photo):
-        observation = observe(photograph.image, circle, photograph.usable, size)
-    n = observation.image.shape[-1]
-    if options.fov is None:
-        return observation, open_view(options, n), f"{circle}, {origin}"
-    fov_deg = circle.fov_deg(width, options.fov)
-    off_axis = circle.off_axis_deg(height, width, options.fov)
-    if off_axis > _FAR_OFF_AXIS_DEG:
-        message = (
-            f"{options.photo}: the ball is {off_axis:.1f} degrees off the camera's axis and taken as if it were on it: "
-            "the probe must be turned by as much; --align finds that"
-        )
-        warnings.warn(message, UserWarning, stacklevel=2)
-    view = open_view(argparse.Namespace(**vars(options) | {"fov": fov_deg}), n)
-    return observation, view, f"{circle}, {origin}, {fov_deg:g} degrees across"
+        return circle if camera is None else Ball.of_circle(camera, *options.circle), "as given"
+    with about(options.mask or options.photo):
+        if camera is None:
+            found: Circle | Ball = find_circle(photograph.size, photograph.mask, photograph.window)
+        else:
+            found = find_ball(camera, photograph.mask, photograph.window)
+    if photograph.mask is not None:
+        return found, "of the mask"
+    return found, "as large as " + ("the photograph" if photograph.window is None else "what was recorded")
 
 
 @dataclass(frozen=True)

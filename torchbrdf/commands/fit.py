@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.alignment import Range
-from torchbrdf.commands._options import STD, add_estimation, add_light, add_output, add_shape, add_strict
+from torchbrdf.commands._options import STD, add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
 _ONLY_WITH_ALIGN = ("search", "blur", "exposure", "white_balance")
@@ -17,6 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, help=text)
     add_light(parser)
     add_shape(parser)
+    add_camera(parser)
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     add_estimation(parser)
     group = parser.add_argument_group("alignment of the light probe with the photograph")

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from torchbrdf.commands._options import add_estimation, add_light, add_reading, add_shape, whole_number
+from torchbrdf.commands._options import add_camera, add_estimation, add_light, add_reading, add_shape, whole_number
 
 if TYPE_CHECKING:
     from torchbrdf.brdf import MaterialLibrary
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from torchbrdf.light import LightProbe
 
 PIXELS = 128
-_OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "size")
+_OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "size", "focal_mm", "principal", "distortion")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, nargs="?", help="as `fit` takes it; default: the ball of `torchbrdf demo`")
     add_light(parser, required=False)
     add_shape(parser)
+    add_camera(parser)
     add_estimation(parser)
     parser.add_argument("--light", help='another probe to turn instead; "default" for the embedded one')
     add_reading(parser, "light")

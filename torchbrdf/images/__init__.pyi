@@ -28,6 +28,10 @@ from .settings import (
     ColourSpace as ColourSpace,
     Encoding as Encoding,
 )
+from .shooting import (
+    Shooting as Shooting,
+    read_shooting as read_shooting,
+)
 from .vectors import read_vectors as read_vectors
 from .writing import (
     check_image_suffix as check_image_suffix,

@@ -22,7 +22,7 @@ _LONGEST_KEY = 31  # of an OpenEXR attribute that every reader accepts
 def write_image(
     path: str | os.PathLike[str],
     image: Tensor,
-    metadata: Mapping[str, str] | None = None,
+    metadata: Mapping[str, str | float] | None = None,
     *,
     primaries: ColourSpace = DEFAULT_SPACE,
 ) -> None:
@@ -30,9 +30,9 @@ def write_image(
 
     path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png
                (8 bits, tone mapped by `tone_map`)
-    image      (3, H, W) linear RGB; any device
-    metadata   text to keep in the header, .exr only: `read_metadata` gives it back. Names of 1 to 31 characters,
-               none of those that OpenEXR itself needs
+    image      (3, H, W) linear RGB; any device. NaN marks pixels that were not recorded, in .exr files
+    metadata   text and numbers to keep in the header, .exr only: `read_metadata` gives the text back. Names of 1 to 31
+               characters, none of those that OpenEXR itself needs
     primaries  the colour space of the image, which .exr and .hdr files then name; for .png it is converted to Rec. 709
     raises     ValueError for another shape or suffix, or metadata that the file cannot hold; OSError when the file
                cannot be written
@@ -86,15 +86,15 @@ def _check_image(image: Tensor) -> None:
         raise ValueError(f"image must be (3, H, W), got {tuple(image.shape)}")
 
 
-def _check_metadata(metadata: Mapping[str, str], path: Path) -> None:
+def _check_metadata(metadata: Mapping[str, str | float], path: Path) -> None:
     if metadata and path.suffix.lower() != ".exr":
         raise ValueError(f"{path}: only .exr files hold metadata; write an .exr, or leave the metadata out")
     for key, value in metadata.items():
-        if not (isinstance(key, str) and isinstance(value, str)):
-            raise ValueError(f"metadata must be text by name, got {key!r}: {value!r}")
+        if not (isinstance(key, str) and isinstance(value, str | float)):
+            raise ValueError(f"metadata must be text or numbers by name, got {key!r}: {value!r}")
         if key in OWN_KEYS:
             raise ValueError(f"metadata must not be named {key!r}, which OpenEXR keeps for itself; choose another name")
-        if not 1 <= len(key.encode()) <= _LONGEST_KEY or "\0" in key + value:
+        if not 1 <= len(key.encode()) <= _LONGEST_KEY or "\0" in f"{key}{value}":
             raise ValueError(
                 f"metadata needs names of 1 to {_LONGEST_KEY} characters and no zero bytes, got {key!r}: {value!r}"
             )

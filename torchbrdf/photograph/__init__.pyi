@@ -7,5 +7,6 @@ from .observation import (
 from .photograph import Photograph as Photograph
 from .silhouette import (
     Circle as Circle,
+    find_ball as find_ball,
     find_circle as find_circle,
 )

@@ -1,15 +1,22 @@
 """From a photograph to an observation: averages over the pixels of a view."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from torchbrdf.camera import Ball
+from torchbrdf.photograph._summed_area import Boxes, SummedArea
 from torchbrdf.photograph.silhouette import Circle
 from torchbrdf.view import SphereView, View
 
 LARGEST_DEFAULT_SIZE = 128
 """More pixels than this tell little more about a BRDF, and cost time."""
+
+_PARTS = 2
+"""Boxes along each side of a pixel of a view off the camera's axis."""
+
 
 @dataclass(frozen=True)
 class Observation:
@@ -23,19 +30,46 @@ class Observation:
     mask: Tensor
 
 
-def observe(image: Tensor, circle: Circle, mask: Tensor | None = None, size: int | None = None) -> Observation:
-    """Average the square around a circle onto N x N pixels.
+def observe(
+    image: Tensor, silhouette: Circle | Ball, mask: Tensor | None = None, size: int | None = None
+) -> Observation:
+    """Average what shows a ball onto N x N pixels of a `SphereView`.
 
-    image    (3, H, W)  linear radiance
-    mask     (1, H, W)  bool, True = use; None uses all
-    size     N; None for the circle's own diameter, at most 128
-    Averages are exact over each new pixel's area, as the radiance of a SphereView is. A new pixel is used where all
-    of it lies inside the photograph, the mask and the silhouette.
+    image       (3, H, W)  linear radiance
+    silhouette  a circle, for the view of an orthographic camera: its square. Or a ball before the photograph's camera,
+                for the view in the ball's direction: what that camera shows when it is turned towards the ball
+    mask        (1, H, W)  bool, True = use; None uses all
+    size        N; None for the silhouette's own diameter, at most 128
+    Averages are exact over each new pixel's area, as the radiance of a SphereView is; of a ball off the camera's axis
+    a new pixel is taken for boxes with sides along the photograph's. A new pixel is used where all of it lies inside
+    the photograph, the mask and the silhouette, and shows no pixel that the silhouette cuts, which holds background.
     Raises ValueError where such a pixel is not finite, none is left, or all are black.
     """
-    n = min(LARGEST_DEFAULT_SIZE, round(2 * circle.radius)) if size is None else size
-    corner = circle.x - circle.radius, circle.y - circle.radius
-    return _averaged(image, mask, SphereView(n), corner, 2 * circle.radius / n, "ball")
+    radius = silhouette.radius if isinstance(silhouette, Circle) else silhouette.circle[2]
+    n = min(LARGEST_DEFAULT_SIZE, round(2 * radius)) if size is None else size
+    return _averaged(image, mask, SphereView(n), boxes_of(silhouette, n), "ball", silhouette)
+
+
+def boxes_of(silhouette: Circle | Ball, n: int) -> Boxes:
+    """(N, N, S): what the N x N pixels of the view of a silhouette show of the photograph, in S equal parts each."""
+    if isinstance(silhouette, Circle):
+        corner = silhouette.x - silhouette.radius, silhouette.y - silhouette.radius
+        return _grid(corner, 2 * silhouette.radius / n, (n, n))
+    return tilted_boxes(silhouette.places, n)
+
+
+def tilted_boxes(places: Callable[[Tensor, Tensor], Tensor], n: int) -> Boxes:
+    """`boxes_of` a view that shows x and y, to the right and up from -1 to 1, at places (..., 2) of the photograph."""
+    m = _PARTS * n
+    edges = torch.linspace(-1, 1, 2 * m + 1, dtype=torch.float64)
+    middles, sides = edges[1::2], edges[::2]
+    across = places(*torch.broadcast_tensors(sides, -middles[:, None]))[..., 0]
+    down = places(*torch.broadcast_tensors(middles, -sides[:, None]))[..., 1]
+
+    def by_pixel(parts: Tensor) -> Tensor:
+        return parts.unflatten(1, (n, _PARTS)).unflatten(0, (n, _PARTS)).transpose(1, 2).flatten(2)
+
+    return Boxes(*(by_pixel(part) for part in (across[:, :-1], across[:, 1:], down[:-1], down[1:])))
 
 
 def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Observation:
@@ -49,21 +83,31 @@ def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Obser
             f"the photograph is {height} x {width} and the view {view.size[0]} x {view.size[1]}; "
             "crop it to what the camera of the view shows"
         )
-    return _averaged(image, mask, view, (0.0, 0.0), width / view.size[1], "shape")
+    return _averaged(image, mask, view, _grid((0.0, 0.0), width / view.size[1], view.size), "shape")
+
+
+def _grid(corner: tuple[float, float], step: float, size: tuple[int, int]) -> Boxes:
+    """Squares of `step` pixels, from a corner (x, y) on."""
+    x, y = (
+        start + step * torch.arange(n + 1, dtype=torch.float64) for start, n in zip(corner, size[::-1], strict=True)
+    )
+    return Boxes(x[:-1, None], x[1:, None], y[:-1, None, None], y[1:, None, None])
 
 
 def _averaged(
-    image: Tensor, mask: Tensor | None, view: View, corner: tuple[float, float], step: float, what: str
+    image: Tensor, mask: Tensor | None, view: View, boxes: Boxes, what: str, silhouette: Circle | Ball | None = None
 ) -> Observation:
-    """The part of the image from a corner (x, y) on, with `step` pixels of it for each pixel of the view."""
+    """The means over the boxes of each pixel of the view."""
     height, width = view.size
-    usable = torch.ones_like(image[:1], dtype=torch.bool) if mask is None else mask
+    around = boxes.within(image.shape[-2], image.shape[-1])
+    image, boxes = image[:, *around], boxes.moved(-around[1].start, -around[0].start)
+    usable = torch.ones_like(image[:1], dtype=torch.bool) if mask is None else mask[:, *around]
+    if silhouette is not None:
+        usable = usable & _wholly_inside(silhouette, around)
     finite = torch.isfinite(image).all(0, keepdim=True)
-    rows = _box_weights(corner[1], step, height, image.shape[-2])
-    columns = _box_weights(corner[0], step, width, image.shape[-1])
 
     def averaged(values: Tensor) -> Tensor:
-        return rows @ values.double() @ columns.T
+        return (SummedArea(values).over(boxes) / boxes.area).mean(-1)
 
     used = (averaged(usable) > 1 - 1e-6) & view.mask
     unsound = int((used & (averaged(usable & ~finite) > 0)).sum())
@@ -79,9 +123,8 @@ def _averaged(
     return Observation(observed, used)
 
 
-def _box_weights(start: float, step: float, n: int, extent: int) -> Tensor:
-    """(n, extent) float64: which share of each of n boxes of width `step` each pixel fills; rows sum to 1 inside."""
-    edges = torch.arange(extent, dtype=torch.float64)
-    low = start + step * torch.arange(n, dtype=torch.float64)[:, None]
-    overlap = torch.minimum(low + step, edges + 1) - torch.maximum(low, edges)
-    return overlap.clamp_min(0) / step
+def _wholly_inside(silhouette: Circle | Ball, around: tuple[slice, slice]) -> Tensor:
+    """(h, w) bool: the pixels in these rows and columns of a photograph whose corners all lie inside."""
+    y, x = (torch.arange(side.start, side.stop + 1, dtype=torch.float64) for side in around)
+    corners = silhouette.contains(torch.stack(torch.broadcast_tensors(x, y[:, None]), -1))
+    return corners[1:, 1:] & corners[1:, :-1] & corners[:-1, 1:] & corners[:-1, :-1]

@@ -5,14 +5,16 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from math import atan, atan2, degrees, radians, tan
+from math import atan, degrees
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
 
+_ROUNDING = 1e-9
 _SNAP = 1.5
 _SMALLEST_PART = 0.02
 """Of the largest connected part: smaller ones are strays."""
@@ -25,6 +27,8 @@ _LEAST_RIM, _LITTLE_RIM = 0.1, 0.5
 _LITTLE_FILL = 0.3
 _MUCH_BESIDE = 0.1
 _INVERTED_FILL = 0.85
+_CONES = 2
+"""Times that the smallest cone is sought: each begins about the last, where a circle is nearly one."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,10 @@ class Circle:
         """By how many pixels, at most, in place or radius."""
         return max(abs(self.x - other.x), abs(self.y - other.y), abs(self.radius - other.radius))
 
+    def contains(self, places: Tensor) -> Tensor:
+        """(...) bool: whether places (..., 2) in pixels lie inside, to rounding."""
+        return torch.hypot(places[..., 0] - self.x, places[..., 1] - self.y) <= self.radius * (1 + _ROUNDING)
+
     def holds(self, height: int, width: int) -> Tensor:
         """(height, width) bool: the pixels of a photograph whose centres lie inside."""
         x, y = torch.arange(width) + 0.5 - self.x, torch.arange(height) + 0.5 - self.y
@@ -64,15 +72,6 @@ class Circle:
         slack = max(_SNAP, _RIM * self.radius)
         beyond = [self.radius - slack - distance for distance in (self.x, width - self.x, self.y, height - self.y)]
         return min(beyond[:2]) > 0 or min(beyond[2:]) > 0
-
-    def fov_deg(self, width: int, fov_deg: float) -> float:
-        """The field of view across the ball, to a thousandth of a degree, for a camera of this one across `width`."""
-        return round(2 * degrees(atan(2 * self.radius / width * tan(radians(fov_deg) / 2))), 3)
-
-    def off_axis_deg(self, height: int, width: int, fov_deg: float) -> float:
-        """The angle between the camera's axis and the ball's centre."""
-        distance = np.hypot(self.x - width / 2, self.y - height / 2)
-        return degrees(atan2(distance, width / 2 / tan(radians(fov_deg) / 2)))
 
 
 def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Window | None = None) -> Circle:
@@ -103,6 +102,22 @@ def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Windo
         return whole
     _check(found, mask[0].numpy())
     return found.circle
+
+
+def find_ball(camera: PinholeCamera, mask: Tensor | None = None, window: Window | None = None) -> Ball:
+    """Where the ball is before the photograph's camera: as `find_circle`, with the smallest cone around the mask."""
+    height, width = camera.size
+    circle = find_circle(camera.size, mask, window)
+    ball = Ball.of_circle(camera, circle.x, circle.y, circle.radius)
+    if mask is None or circle == Circle.inscribed(Window(0, 0, width, height)):
+        return ball
+    places = _Marked.best(mask[0].numpy()).places
+    for _ in range(_CONES):
+        seen = camera.rays(places) @ ball.rotation
+        x, y, radius = _smallest_circle((seen[:, :2] / -seen[:, 2:]).numpy())
+        direction = ball.rotation @ torch.tensor([x, y, -1.0], dtype=torch.float64)
+        ball = Ball(camera, (float(direction[0]), float(direction[1]), float(direction[2])), degrees(atan(radius)))
+    return ball
 
 
 def _inscribed(whole: Circle, window: Window | None, size: tuple[int, int]) -> Circle:
@@ -140,11 +155,13 @@ class _Marked:
     @cached_property
     def circle(self) -> Circle:
         """The smallest that holds all pixels' centres."""
-        import cv2
+        return Circle(*_smallest_circle(self.places.numpy()))
 
+    @cached_property
+    def places(self) -> Tensor:
+        """(N, 2) float64: the pixels' centres, x and y."""
         rows, columns = np.nonzero(self.pixels)
-        (x, y), radius = cv2.minEnclosingCircle(np.stack([columns + 0.5, rows + 0.5], axis=1).astype(np.float32))
-        return Circle(float(x), float(y), float(radius))
+        return torch.from_numpy(np.stack([columns + 0.5, rows + 0.5], axis=1))
 
     @cached_property
     def fill(self) -> float:
@@ -161,6 +178,14 @@ class _Marked:
         bins = min(_DIRECTIONS, int(np.pi * self.circle.radius))  # at least two pixels of the rim in each
         turned = np.arctan2(y[near], x[near]) / (2 * np.pi) * bins
         return len(np.unique(np.floor(turned).astype(int) % bins)) / bins
+
+
+def _smallest_circle(places: np.ndarray) -> tuple[float, float, float]:
+    """x, y and radius of the smallest that holds all places (N, 2)."""
+    import cv2
+
+    (x, y), radius = cv2.minEnclosingCircle(places.astype(np.float32))
+    return float(x), float(y), float(radius)
 
 
 def _check(found: _Marked, mask: np.ndarray) -> None:

@@ -78,9 +78,9 @@ class Framing:
     fov_deg: float | None
 
     @classmethod
-    def of_sphere(cls, fov_deg: float | None) -> "Framing":
-        """Of a unit sphere at the origin that touches the borders of the image, seen along -Z."""
-        right, top, back = torch.eye(3, dtype=torch.float64)
+    def of_sphere(cls, fov_deg: float | None, rotation: Tensor) -> "Framing":
+        """Of a unit sphere at the origin that touches the borders of the image, seen along -Z turned by a rotation."""
+        right, top, back = rotation.T
         half_width, distance = 1.0, 4.0
         if fov_deg is not None:
             half = radians(fov_deg) / 2

@@ -6,42 +6,77 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from torchbrdf.view.camera import Framing, check_fov
+from torchbrdf.camera import Ball, turned_to, unit_direction
+from torchbrdf.view.camera import Framing, Triple, check_fov
 from torchbrdf.view.view import SurfacePoints, View
+
+_AHEAD = (0.0, 0.0, -1.0)
+_HARDLY_BESIDE = 1e-5
+"""Degrees off the axis that count as none: silhouettes are not known to that."""
 
 
 class SphereView(View):
     """A sphere that touches the borders of a square image.
 
-    size     pixels along a side
-    fov_deg  field of view across the image in degrees; None for an orthographic camera
+    size       pixels along a side
+    fov_deg    field of view across the image in degrees; None for an orthographic camera
+    direction  from the camera towards the sphere's middle, any length, in the camera's frame. The image is that of the
+               camera turned to look there, by the least rotation; normals and view directions stay in its own frame,
+               which is the probe's
     Pixels that the silhouette cuts are outside the mask.
     """
 
     framing: Framing
+    rotation: Tensor
+    """(3, 3) float64: from the frame of the camera turned towards the sphere to the camera's own."""
 
-    def __init__(self, size: int, fov_deg: float | None = None) -> None:
+    def __init__(self, size: int, fov_deg: float | None = None, direction: Triple = _AHEAD) -> None:
         """Check the arguments and find the pixels that lie wholly inside the silhouette."""
         if size < 3:
             raise ValueError(f"a sphere needs an image of at least 3 x 3 pixels, got size={size}")
         check_fov(fov_deg)
         self.fov_deg = fov_deg
-        self.framing = Framing.of_sphere(fov_deg)
+        self.direction = unit_direction(direction)
+        self.rotation = turned_to(self.direction)
+        self.framing = Framing.of_sphere(fov_deg, self.rotation)
         self._n = int(size)
         edge = torch.linspace(-1, 1, self._n + 1, dtype=torch.float64).abs()
         farthest = torch.maximum(edge[:-1], edge[1:]) ** 2
         self.mask = (farthest[:, None] + farthest <= 1)[None]
 
+    @classmethod
+    def of_ball(cls, size: int, ball: Ball) -> "SphereView":
+        """What the camera of a ball sees of it, its field of view rounded to a thousandth of a degree."""
+        direction = ball.direction if ball.off_axis_deg > _HARDLY_BESIDE else _AHEAD
+        return cls(size, round(ball.fov_deg, 3), direction)
+
     def __repr__(self) -> str:
         """Size and camera."""
         camera = "orthographic" if self.fov_deg is None else f"fov_deg={self.fov_deg}"
-        return f"SphereView({self._n}, {camera}, {len(self.pixels)} pixels)"
+        where = "" if self._ahead else f", direction=({', '.join(f'{each:.4f}' for each in self.direction)})"
+        return f"SphereView({self._n}, {camera}{where}, {len(self.pixels)} pixels)"
 
     def _identity(self) -> bytes:
-        return f"sphere {self._n} {self.fov_deg}".encode()
+        where = "" if self._ahead else f" {self.direction}"
+        return f"sphere {self._n} {self.fov_deg}{where}".encode()
+
+    @property
+    def _ahead(self) -> bool:
+        return self.direction == _AHEAD
 
     def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
         """See View."""
+        points = self._before_camera(pixels, u, v)
+        if self._ahead:
+            return points
+        turn = self.rotation.to(points.normals)
+        normals, view_dirs = (
+            torch.einsum("ij,jqs->iqs", turn, vectors) for vectors in (points.normals, points.view_dirs)
+        )
+        return SurfacePoints(normals, view_dirs)
+
+    def _before_camera(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
+        """In the frame of the camera turned towards the sphere."""
         x = (2 / self._n) * ((pixels % self._n)[:, None] + u) - 1
         y = 1 - (2 / self._n) * ((pixels // self._n)[:, None] + v)
         if self.fov_deg is None:

@@ -8,7 +8,7 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 from torchbrdf.files import existing_file
-from torchbrdf.images.formats import openexr
+from torchbrdf.images.formats import jpeg, openexr, png
 from torchbrdf.images.formats._stored import Stored
 
 
@@ -40,6 +40,12 @@ def read_stored(path: Path, layer: str | None = None, vectors: bool = False, opt
         raise ValueError(f"{path}: {what} is for .exr files with several pictures; leave it out")
     stored: Stored = module.read(path)
     return stored
+
+
+def exif_of(path: Path) -> bytes:
+    """The block of EXIF data of a JPEG or PNG file that is there; none of other files."""
+    module = _by_suffix().get(path.suffix.lower())
+    return module.exif(path) if module in (jpeg, png) else b""
 
 
 def _check_signature(path: Path, module: ModuleType) -> None:

@@ -40,3 +40,15 @@ def read(path: Path) -> Stored:
         return colours_of_profile(path, profile) if profile else Colours(SRGB, SPACES["rec709"])
 
     return of_integers(pixels, KIND, colours).turned(orientation_of(exif))
+
+
+def exif(path: Path) -> bytes:
+    """Its block of EXIF data; none where it has none, or is damaged."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=["JPEG"]) as image:
+            found: bytes = image.info.get("exif", b"")
+            return found
+    except (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError, Image.DecompressionBombError):
+        return b""

@@ -41,6 +41,11 @@ def read(path: Path) -> Stored:
     return of_integers(pixels, KIND, lambda: _colours(path, chunks)).turned(orientation)
 
 
+def exif(path: Path) -> bytes:
+    """Its block of EXIF data; none where it has none."""
+    return _chunks(path.read_bytes()).get(b"eXIf", b"")
+
+
 def _chunks(data: bytes) -> dict[bytes, bytes]:
     """The first chunk of each kind, but for the pixels."""
     found: dict[bytes, bytes] = {}
