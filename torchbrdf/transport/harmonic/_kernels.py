@@ -11,7 +11,8 @@ are brought to comparable size by `column_norms`; what may be lost of them is sh
 image, so that no part of it is worse than others.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import pi
 
@@ -19,11 +20,20 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import GRID, StoredColumns, cell_index, half_difference, norm_settings
-from torchbrdf.transport.harmonic.grid import Zone, tilt_of
+from torchbrdf.transport.harmonic.grid import HELD_DISTANCE, Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
 TOLERANCE = 2e-2
 """Relative error of a column that may be lost by compression, whatever the size of the light sources."""
+
+_LOOSER = 1.5
+"""Times the tolerance for what perspective adds, of which a view from twice `HELD_DISTANCE` sees half."""
+
+_TERMS = (((0.0, 1.0),), ((0.0, -1.0), (1.0, 1.0)), ((0.0, -0.5), (0.5, 1.0), (1.0, -0.5)))
+"""Shares of `tilt_of`, with factors: kernels without tilt, and the differences that interpolate to others.
+
+With a share t of the tilt the kernels are those of order 0, t times those of 1, and 4 t (1 - t) times those of 2.
+"""
 
 BANDS = (0, 16, 48, 128)
 """Azimuth frequencies at which the mixtures change."""
@@ -73,6 +83,7 @@ class Band:
 class Kernels:
     """One group of rings of one zone.
 
+    order       which of the terms that make a view in perspective; 0 without it
     zone        its index
     first_ring  rings first_ring, ..., first_ring + G - 1
     n_rings     G
@@ -83,6 +94,7 @@ class Kernels:
     bands       by frequency
     """
 
+    order: int
     zone: int
     first_ring: int
     n_rings: int
@@ -117,25 +129,24 @@ class _Samples:
     beta: Tensor
     delta: Tensor
 
-    def less(self, other: "_Samples") -> "_Samples":
-        """Of the difference of two kernels."""
-        return _Samples(
-            torch.cat([self.kernel, -other.kernel], -1),
-            torch.cat([self.weights, -other.weights], -1),
-            *(torch.cat([getattr(one, name) for one in (self, other)], -1) for name in ("cells", "beta", "delta")),
-        )
+    def times(self, factor: float) -> "_Samples":
+        return replace(self, kernel=factor * self.kernel, weights=factor * self.weights)
+
+    @staticmethod
+    def sum_of(terms: Sequence["_Samples"]) -> "_Samples":
+        return _Samples(*(torch.cat([getattr(term, one.name) for term in terms], -1) for one in fields(_Samples)))
 
 
 def compute_group(
-    stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int, perspective: bool = False
+    stored: StoredColumns, order: int, zone: Zone, rings: range, norms: Tensor, n_zones: int
 ) -> Kernels:
-    """The kernels of one group of rings, of an orthographic camera or what perspective adds to them.
+    """The kernels of one group of rings, or what perspective adds to them; without mixtures where that is nothing.
 
-    norms        (n,)  of `column_norms`
-    n_zones      among which the tolerance is shared, and among groups by their area in the image
-    perspective  the kernels of `tilt_of` less those of none
+    order    0 of an orthographic camera, 1 and 2 of perspective
+    norms    (n,)  of `column_norms`
+    n_zones  among which the tolerance is shared, and among groups by their area in the image
     """
-    return _Group(stored, zone, rings, norms, n_zones, perspective).kernels()
+    return _Group(stored, order, zone, rings, norms, n_zones).kernels()
 
 
 def kernel_settings() -> list[object]:
@@ -143,21 +154,26 @@ def kernel_settings() -> list[object]:
     return [TOLERANCE, BANDS, _TRIM, TEXEL_ROWS, _AZIMUTHS, _MIXTURES, _GRAM_CELLS, *norm_settings()]
 
 
+def perspective_settings() -> list[object]:
+    """What the kernels that perspective adds depend on beside those."""
+    return [HELD_DISTANCE, _LOOSER, _TERMS]
+
+
 class _Group:
     def __init__(
-        self, stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int, perspective: bool
+        self, stored: StoredColumns, order: int, zone: Zone, rings: range, norms: Tensor, n_zones: int
     ) -> None:
-        self.stored, self.zone, self.rings, self.norms = stored, zone, rings, norms
+        self.stored, self.order, self.zone, self.rings, self.norms = stored, order, zone, rings, norms
         gamma, to_rings = zone.ring_quadrature
         to_rings = to_rings[rings.start : rings.stop]
         used = to_rings.amax(0) > 0
         self.to_rings = to_rings[:, used]
         gamma = gamma[used]
-        self.samples = _half_vectors(zone, gamma, torch.zeros_like(gamma))
-        if perspective:
-            self.samples = _half_vectors(zone, gamma, tilt_of(gamma)).less(self.samples)
+        terms = [_half_vectors(zone, gamma, share * tilt_of(gamma)).times(factor) for share, factor in _TERMS[order]]
+        self.samples = _Samples.sum_of(terms)
         share = zone.ring_measure[rings.start : rings.stop].sum() / zone.ring_measure.sum()
-        self.allowance = TOLERANCE * float(share / (n_zones * 2 * len(BANDS))) ** 0.5
+        tolerance = TOLERANCE * (_LOOSER if order else 1)
+        self.allowance = tolerance * float(share / (n_zones * 2 * len(BANDS))) ** 0.5
 
     def kernels(self) -> Kernels:
         mixtures, values, place = self._cell_mixtures()
@@ -174,14 +190,14 @@ class _Group:
             total += sum((vectors * size) @ vectors.T for size, vectors in pair)
             pairs.append([vectors for _, vectors in pair])
         size, basis = _principal(total)
-        basis = basis[:, : max(1, _needed(mixtures @ basis, size, self.allowance))]
+        basis = basis[:, : max(0 if self.order else 1, _needed(mixtures @ basis, size, self.allowance))]
         bands = []
         for (low, high), mixed in zip(low_high, pairs, strict=True):
             even, odd = (_reduced(part[..., low:high], v) for part, v in zip(parts / interpolated, mixed, strict=True))
             bands.append(Band(low, even, odd, *((v.T @ basis).float() for v in mixed)))
         mixing = (self.norms[:, None] * (mixtures @ basis)).float()
         return Kernels(
-            self.zone.index, self.rings.start, len(self.rings), places, first_row, mixing, tuple(bands)
+            self.order, self.zone.index, self.rings.start, len(self.rings), places, first_row, mixing, tuple(bands)
         )
 
     def _bands(self, parts: Tensor, scale: Tensor, mixtures: Tensor) -> list[tuple[int, int]]:
@@ -231,7 +247,8 @@ class _Group:
             rows = self._rows(cells[some]).double() * (step * importance[some]).sqrt()[:, None]
             gram += rows.T @ rows
         size, vectors = _principal(gram)
-        enough = min(max(1, _needed(vectors, size, 0.3 * self.allowance)), _MIXTURES)
+        allowance = self.allowance * (1 if self.order else 0.3)  # differences lose less
+        enough = min(max(1, _needed(vectors, size, allowance)), _MIXTURES)
         vectors = vectors[:, :enough]
         blocks = [self._rows(some) @ vectors.float() for some in cells.split(_ROWS_AT_ONCE)]
         return vectors, torch.cat(blocks), place

@@ -22,8 +22,14 @@ from tqdm import tqdm
 from torchbrdf.brdf import MaterialLibrary, StoredColumns, column_norms
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
-from torchbrdf.transport.harmonic._kernels import Band, Kernels, compute_group, kernel_settings
-from torchbrdf.transport.harmonic.grid import perspective_settings, settings, zones
+from torchbrdf.transport.harmonic._kernels import (
+    Band,
+    Kernels,
+    compute_group,
+    kernel_settings,
+    perspective_settings,
+)
+from torchbrdf.transport.harmonic.grid import settings, zones
 from torchbrdf.transport.harmonic.transport import HarmonicTransport
 
 _FORMAT = "torchbrdf harmonic transport 1"
@@ -97,18 +103,19 @@ def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, pro
     """Compute all groups, on the CPU; those already in a folder of parts are read."""
     stored = replace(stored, columns=stored.columns.cpu())
     groups: list[Kernels] = []
-    everything = [(zone, rings) for zone in zones() for rings in zone.groups]
+    orders = (1, 2) if perspective else (0,)
+    everything = [(order, zone, rings) for order in orders for zone in zones() for rings in zone.groups]
     norms = column_norms(stored)
     what = "harmonic transport" + (", perspective" if perspective else "")
-    for i, (zone, rings) in enumerate(tqdm(everything, what, disable=not progress, leave=False)):
+    for i, key in enumerate(tqdm(everything, what, disable=not progress, leave=False)):
         part = None if parts is None else parts / f"{i}.safetensors"
         known = None if part is None else _read(part)
         if known is None:
-            known = (compute_group(stored, zone, rings, norms, len(zones()), perspective),)
+            known = (compute_group(stored, *key, norms, len(zones())),)
             if part is not None:
                 _write(part, known)
         groups.extend(known)
-    return tuple(groups)
+    return tuple(group for group in groups if group.mixing.shape[1])
 
 
 def _tensors(groups: tuple[Kernels, ...]) -> Iterator[Tensor]:
@@ -121,8 +128,8 @@ def _tensors(groups: tuple[Kernels, ...]) -> Iterator[Tensor]:
 def _write(path: Path, groups: tuple[Kernels, ...]) -> None:
     layout = [
         {
-            "zone": group.zone, "first_ring": group.first_ring, "n_rings": group.n_rings, "places": group.places,
-            "first_row": group.first_row, "bands": [band.low for band in group.bands],
+            "order": group.order, "zone": group.zone, "first_ring": group.first_ring, "n_rings": group.n_rings,
+            "places": group.places, "first_row": group.first_row, "bands": [band.low for band in group.bands],
         }
         for group in groups
     ]  # fmt: skip
@@ -150,8 +157,8 @@ def _read(path: Path) -> tuple[Kernels, ...] | None:
     tensors = iter([part.view(shape) for part, shape in zip(values.split(sizes), shapes, strict=True)])
     return tuple(
         Kernels(
-            zone=entry["zone"], first_ring=entry["first_ring"], n_rings=entry["n_rings"], places=entry["places"],
-            first_row=entry["first_row"], mixing=next(tensors),
+            order=entry.get("order", 0), zone=entry["zone"], first_ring=entry["first_ring"], n_rings=entry["n_rings"],
+            places=entry["places"], first_row=entry["first_row"], mixing=next(tensors),
             bands=tuple(Band(low, *islice(tensors, 4)) for low in entry["bands"]),
         )
         for entry in layout

@@ -35,8 +35,8 @@ _DUAL_REACH = 9
 
 RINGS_PER_GROUP = 12
 
-_PERSPECTIVE = 8.0
-"""Distance in radii of the camera from a ball whose perspective is held beside the orthographic view."""
+HELD_DISTANCE = 6.0
+"""In radii, of the camera from a ball in the strongest perspective that is held."""
 
 
 @dataclass(frozen=True)
@@ -171,12 +171,12 @@ def _handover(theta_h: Tensor, start: float, end: float) -> Tensor:
 
 
 def tilt_of(gamma: Tensor) -> Tensor:
-    """How far view directions are tilted away from the normal in the perspective that is held, on rings gamma.
+    """How far view directions are tilted away from the normal in the strongest perspective, on rings gamma.
 
     A ring is named by the normal half way between the axis and the mirror direction: in perspective, the normal's
     polar angle and half of the tilt. Where the ball ends, the view is grazing.
     """
-    half = torch.atan2(torch.sin(gamma), 2 * _PERSPECTIVE - torch.cos(gamma))
+    half = torch.atan2(torch.sin(gamma), 2 * HELD_DISTANCE - torch.cos(gamma))
     return 2 * torch.minimum(half, pi / 2 - gamma)
 
 
@@ -192,8 +192,3 @@ def _places(intervals: int) -> Tensor:
 def settings() -> list[object]:
     """What the grid depends on."""
     return [_TAPERS, _ROWS, _RINGS_PER_ROW, _WIDEST, _QUADRATURE, RINGS_PER_GROUP]
-
-
-def perspective_settings() -> list[object]:
-    """What the perspective that is held depends on beside it."""
-    return ["perspective", _PERSPECTIVE]

@@ -2,7 +2,7 @@
 
 A view of an orthographic camera sees the same radiance wherever it sees the same normal. Here its pixels become sums
 over places on the rings of `grid`: splines across the rings, linear interpolation along them. A ball in perspective is
-looked up by the directions that it mirrors, and what perspective adds is interpolated linearly in the tilt of the view.
+looked up by the directions that it mirrors, and what perspective adds is interpolated in the tilt of the view.
 """
 
 from collections.abc import Sequence
@@ -55,23 +55,21 @@ class RingLookup:
     groups: tuple[GroupLookup | None, ...]
 
     @staticmethod
-    def build(view: View, groups: Sequence[tuple[Zone, range, int]], added: int = 0) -> "RingLookup":
-        """For groups given by zone, rings and places along a ring.
+    def build(view: View, groups: Sequence[tuple[int, Zone, range, int]]) -> "RingLookup":
+        """For groups given by order, zone, rings and places along a ring.
 
-        view   not `unsuited`, of a camera that is `facing` the shape
-        added  so many groups, the last, are of what perspective adds
+        view  not `unsuited`, of a camera that is `facing` the shape
         """
         points = _Points.of(view)
+        shares = (points.share, points.share * points.tilt, points.share * 4 * points.tilt * (1 - points.tilt))
         found = []
-        of_zone: dict[tuple[int, bool], tuple[Tensor, Tensor]] = {}
-        for i, (zone, rings, places) in enumerate(groups):
-            adds = i >= len(groups) - added
-            if (zone.index, adds) not in of_zone:
+        of_zone: dict[tuple[int, int], tuple[Tensor, Tensor]] = {}
+        for order, zone, rings, places in groups:
+            if (order, zone.index) not in of_zone:
                 first, across = zone.ring_splines(points.gamma)
-                share = points.share * points.tilt if adds else points.share
-                of_zone[zone.index, adds] = (first, across * share[:, None])
+                of_zone[order, zone.index] = (first, across * shares[order][:, None])
             dual = zone.ring_dual[:, rings.start : rings.stop]
-            found.append(_group(points, *of_zone[zone.index, adds], dual, places))
+            found.append(_group(points, *of_zone[order, zone.index], dual, places))
         return RingLookup(points.rank, tuple(found))
 
     def to(self, device: torch.device | str) -> "RingLookup":

@@ -29,7 +29,7 @@ class HarmonicTransport:
     """The light-independent side of the basis images of one library.
 
     groups  of rings, of all zones
-    added   to their radiance by perspective, per tilt; empty where no view needs them
+    added   to them by perspective; empty where no view needs that
     """
 
     groups: tuple[Kernels, ...]
@@ -38,7 +38,8 @@ class HarmonicTransport:
 
     def __repr__(self) -> str:
         """Size."""
-        return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings)"
+        added = f" and {len(self.added)} of perspective" if self.added else ""
+        return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings{added})"
 
     @lasting
     def lookup(self, view: View) -> RingLookup:
@@ -48,11 +49,11 @@ class HarmonicTransport:
     def _lookup_of(self, view: View) -> RingLookup:
         all_zones = zones()
         shapes = []
-        groups = self._groups_of(view)
-        for group in groups:
+        for group in self._groups_of(view):
             zone = all_zones[group.zone]
-            shapes.append((zone, range(group.first_ring, group.first_ring + group.n_rings), group.places))
-        return RingLookup.build(view, shapes, len(groups) - len(self.groups)).to(self.device)
+            rings = range(group.first_ring, group.first_ring + group.n_rings)
+            shapes.append((group.order, zone, rings, group.places))
+        return RingLookup.build(view, shapes).to(self.device)
 
     def _groups_of(self, view: View) -> tuple[Kernels, ...]:
         return self.groups + self.added if in_perspective(view) else self.groups

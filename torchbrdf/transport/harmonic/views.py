@@ -4,9 +4,10 @@ from math import asin, degrees
 
 from torch import Tensor
 
+from torchbrdf.transport.harmonic.grid import HELD_DISTANCE
 from torchbrdf.view import SphereView, View
 
-NEAREST = 6.0
+NEAREST = HELD_DISTANCE * (1 - 1e-3)
 """Least distance in radii of a perspective camera from the middle of a ball; docs/transport.md tells the errors."""
 
 _ORTHOGRAPHIC = 1e-6
