@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 from torch import Tensor
-from torch.nn.functional import normalize
 
 from coarse_grids import HALF_GRID
 from materials import lambert
