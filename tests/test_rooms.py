@@ -2,7 +2,6 @@
 
 import ast
 import re
-import warnings
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 import torchbrdf
 from paths import ROOT
 from torchbrdf import commands
-from torchbrdf._moved import MOVED
 from torchbrdf.analytic import MODELS, models
 from torchbrdf.light import Layout
 from torchbrdf.light.layouts import layout_of
@@ -117,52 +115,6 @@ def test_tests_stand_in_the_same_rooms():
     assert [folder for folder in folders if not (PACKAGE / folder.relative_to(tests)).is_dir()] == []
 
 
-DOCUMENTED = {
-    "analytic_export": ("FORMATS", "native_fit", "write_binary"),
-    "analytic_models": ("MODELS", "AnalyticModel", "Parameter"),
-    "augment": ("RandomExposure", "RandomOccluders", "erode_silhouette", "photograph_defects", "random_rotations"),
-    "brdf_difference": ("cell_difference", "delta_e_2000"),
-    "cell_transport": ("CellTransport",),
-    "comparison": ("Comparison",),
-    "comparison_page": ("write_comparison",),
-    "constraints": ("CONSTRAINTS", "constrain"),
-    "exposure": ("Exposure",),
-    "gltf": ("write_gltf",),
-    "learned_rotation": ("LearnedRotation",),
-    "materialx": ("write_materialx",),
-    "mitsuba_material": ("mitsuba_bsdf", "write_mitsuba"),
-    "observability": ("Observability",),
-    "posterior": ("Posterior",),
-    "reflectance_maps": ("Blending", "ReflectanceMaps"),
-    "shading_geometry": ("ShadingGeometry",),
-}
-"""Deep paths in the documentation of 0.6.0."""
-
-
-@pytest.mark.parametrize("old", DOCUMENTED)
-def test_documented_paths_work_for_one_version_more(old: str):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        module = import_module(f"torchbrdf.{old}")
-        taken = [getattr(module, name) for name in DOCUMENTED[old]]
-    assert all(one is getattr(import_module(f"torchbrdf.{MOVED[old]}"), name)
-               for one, name in zip(taken, DOCUMENTED[old], strict=True))  # fmt: skip
-    import_module(f"torchbrdf.{old}")  # a second time in silence
-    assert len(caught) <= 1
-    for warning in caught:  # none where another test came first
-        assert warning.category is DeprecationWarning
-        assert f"torchbrdf.{old} is now torchbrdf.{MOVED[old]}" in str(warning.message)
-
-
-def test_every_moved_path_is_tested():
-    assert set(MOVED) == set(DOCUMENTED)
-
-
-def test_a_path_that_never_was_is_still_an_error():
-    with pytest.raises(ModuleNotFoundError):
-        import_module("torchbrdf.nowhere")
-
-
 def test_every_file_of_models_is_a_model_and_named_after_it():
     files = {path.stem for path in (PACKAGE / "analytic" / "models").glob("*.py")} - {"__init__"}
     assert {name.replace("-", "_") for name in MODELS} == files
@@ -184,8 +136,9 @@ def test_every_file_of_commands_is_a_command():
 
 
 def test_everything_public_is_public_as_before():
-    """The names of 0.6.0."""
+    """The names of 0.6.0, and those that came with 0.9.0."""
     names = (
+        "Ball PinholeCamera "
         "Alignment AnalyticFit BRDFEstimator BasisImages Camera HarmonicBasis LightProbe MaterialClasses "
         "MaterialLibrary MerlTable MeshView NormalMapView Reconstruction SphereView View align fit_analytic "
         "fit_analytic_batch fit_analytic_to_image read_image read_mask render render_basis render_directional "

@@ -4,7 +4,6 @@ import os
 
 import lazy_loader
 
-from torchbrdf import _moved
 from torchbrdf._version import __version__ as __version__
 
 # libgomp reads it when torch is first imported. Idle threads of torch spin for long by default and take the cores
@@ -13,5 +12,3 @@ from torchbrdf._version import __version__ as __version__
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-_moved.install()

@@ -6,6 +6,7 @@ from .analytic import (
     fit_analytic_to_image as fit_analytic_to_image,
 )
 from .brdf import MaterialLibrary as MaterialLibrary, MerlTable as MerlTable
+from .camera import Ball as Ball, PinholeCamera as PinholeCamera
 from .estimation import (
     BRDFEstimator as BRDFEstimator,
     MaterialClasses as MaterialClasses,

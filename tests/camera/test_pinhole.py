@@ -54,10 +54,6 @@ def test_a_sensor_spans_the_longer_side():
         assert PinholeCamera.of_focal(size, 50, 36).focal == 72 * 50 / 36
 
 
-def test_a_focal_length_in_35_mm_film_has_the_diagonal_of_a_full_frame():
-    assert PinholeCamera.of_focal_35mm((24, 36), 50).focal == pytest.approx(50)
-
-
 def test_the_field_of_view_is_kept():
     assert PinholeCamera.of_fov(SIZE, 24).fov_deg == pytest.approx(24)
 

@@ -18,6 +18,7 @@ from torchbrdf.rendering.basis import render_basis
 from torchbrdf.rendering.tables import render
 from torchbrdf.report._deviations import Spread, relative_spread, retroreflection_rows
 from torchbrdf.report._figures import SURROUND, log_range, on_grey, plane_of_incidence, signed_map, theta_h_curve
+from torchbrdf.report._silhouette_section import Scene
 from torchbrdf.report.evidence import (
     Evidence,
     Subject,
@@ -398,3 +399,16 @@ def test_the_decades_of_a_log_axis():
     low, high = log_range(np.array([1e-12] * 99 + [1e3]))
     assert high - low == 7
     assert high == 4
+
+
+def test_the_silhouette_is_drawn_on_the_whole_photograph(subject, tmp_path):
+    turn = torch.arange(64) * (2 * pi / 64)
+    outline = torch.stack([150 + 30.5 * turn.cos(), 60 - 30.5 * turn.sin()], -1)
+    scene = Scene(torch.ones(3, 90, 200), outline, "as given")
+    write_report(tmp_path / "a.html", subject, {}, scene=scene, size=16, samples=16)
+    page = (tmp_path / "a.html").read_text()
+    whole, enlarged = re.findall(r'viewBox="0 0 (\d+) (\d+)" aria-hidden="true"><polygon points="([\d., -]*)"', page)
+    assert whole[:2] == ("200", "90")
+    assert whole[2].startswith("180.50,60.00 ")
+    assert enlarged[:2] == ("80", "70")
+    assert enlarged[2].startswith("70.50,40.00 ")

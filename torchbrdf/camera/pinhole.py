@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan, degrees, hypot, radians, tan
+from math import atan, degrees, radians, tan
 
 import torch
 from torch import Tensor
@@ -76,17 +76,6 @@ class PinholeCamera:
         if not (0 < focal_mm < float("inf") and 0 < sensor_mm < float("inf")):
             raise ValueError(f"focal length and sensor must be positive, got {focal_mm:g} and {sensor_mm:g} mm")
         return cls(size, focal_mm / sensor_mm * max(size), principal, tuple(distortion))
-
-    @classmethod
-    def of_focal_35mm(
-        cls,
-        size: tuple[int, int],
-        focal_mm: float,
-        principal: tuple[float, float] | None = None,
-        distortion: Sequence[float] = (),
-    ) -> PinholeCamera:
-        """By the focal length that has the same field of view across the diagonal of 36 x 24 mm, as EXIF gives it."""
-        return cls(size, focal_mm / hypot(36, 24) * hypot(*size), principal, tuple(distortion))
 
     def __str__(self) -> str:
         """For people."""

@@ -1,13 +1,14 @@
 """What several commands read: probes, libraries, views, tables, and messages that name the file."""
 
 import argparse
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
 from torchbrdf.camera import Ball, PinholeCamera
-from torchbrdf.images import DEFAULT_SPACE, converted, read_mask, readable_suffixes
+from torchbrdf.images import DEFAULT_SPACE, converted, read_mask, read_shooting, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
@@ -54,8 +55,11 @@ def open_library(options: argparse.Namespace) -> MaterialLibrary:
     return MaterialLibrary.default() if options.library is None else MaterialLibrary.from_merl(options.library)
 
 
-def open_camera(options: argparse.Namespace, size: tuple[int, int]) -> PinholeCamera | None:
-    """The camera of a whole photograph of so many rows and columns; None where nothing tells its field of view."""
+def open_camera(options: argparse.Namespace, path: Path, size: tuple[int, int]) -> tuple[PinholeCamera | None, str]:
+    """The camera of a whole photograph of so many rows and columns, and what told it; None where nothing does.
+
+    By the options, else by the file's EXIF data or attributes; warns where those name a focal length that is of no use.
+    """
     principal = None if options.principal is None else tuple(options.principal)
     distortion = options.distortion or ()
     if (options.focal_mm is None) != (options.sensor_mm is None):
@@ -63,13 +67,22 @@ def open_camera(options: argparse.Namespace, size: tuple[int, int]) -> PinholeCa
     if options.fov is not None:
         if options.focal_mm is not None:
             raise ValueError("--fov and --focal-mm say the same: give one of them")
-        return PinholeCamera.of_fov(size, options.fov, principal, distortion)
+        return PinholeCamera.of_fov(size, options.fov, principal, distortion), "as given"
     if options.focal_mm is not None:
-        return PinholeCamera.of_focal(size, options.focal_mm, options.sensor_mm, principal, distortion)
+        return PinholeCamera.of_focal(size, options.focal_mm, options.sensor_mm, principal, distortion), "as given"
+    shooting = read_shooting(path)
+    if shooting.focal_mm or shooting.focal_35mm_mm:
+        try:
+            focal = shooting.focal_pixels(size)
+        except ValueError as error:
+            message = f"{path} {error}: the camera's field of view is not known; give --fov"
+            warnings.warn(message, UserWarning, stacklevel=2)
+        else:
+            return PinholeCamera(size, focal, principal, tuple(distortion)), "by what the file says"
     for key in ("principal", "distortion"):
         if getattr(options, key) is not None:
             raise ValueError(f"--{key} needs the camera's field of view: give --fov, or --focal-mm with --sensor-mm")
-    return None
+    return None, ""
 
 
 def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) -> View:

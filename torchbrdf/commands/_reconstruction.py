@@ -1,6 +1,5 @@
-"""A photograph becomes a table: what `fit`, `live` and `demo` share."""
+"""An observation becomes a table: what `fit`, `live` and `demo` share."""
 
-import argparse
 import json
 import warnings
 from dataclasses import dataclass
@@ -9,105 +8,16 @@ from pathlib import Path
 from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.camera import Ball, PinholeCamera
-from torchbrdf.commands._inputs import RESULT, about, open_camera, open_view
+from torchbrdf.commands._inputs import RESULT
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, Constraint, MaterialClasses, Penalty, Reconstruction
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
 from torchbrdf.light import LightProbe
-from torchbrdf.photograph import (
-    LARGEST_DEFAULT_SIZE,
-    Circle,
-    Observation,
-    Photograph,
-    find_ball,
-    find_circle,
-    observe,
-    observe_view,
-)
+from torchbrdf.photograph import Observation
 from torchbrdf.rendering import render_basis
-from torchbrdf.report import Subject, write_report
+from torchbrdf.report import Scene, Subject, write_report
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
-
-_SMALL_SHARE = 0.25
-"""Of the view's pixels: with fewer the command warns."""
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What is seen of the shape, and how it was found there.
-
-    about  for people: how the file was read, the silhouette, the pixels used
-    """
-
-    observation: Observation
-    view: View
-    about: str
-
-
-def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
-    """The photograph, its mask and circle, resampled to `size`, and the shape that it shows."""
-    photograph = Photograph.open(
-        options.photo,
-        options.mask,
-        invert_mask=options.invert_mask,
-        allow_ldr=options.allow_ldr,
-        layer=options.layer,
-        primaries=options.primaries,
-        encoding=options.encoding,
-    )
-    if options.view == "sphere":
-        observation, view, silhouette = _ball(options, photograph, size)
-    else:
-        if options.circle is not None:
-            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
-        view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.image.shape[-1]))
-        with about(options.photo):
-            observation = observe_view(photograph.image, view, photograph.usable)
-        silhouette = f"shape of {options.view}"
-    used, seen = int(observation.mask.sum()), len(view.pixels)
-    if used < _SMALL_SHARE * seen:
-        warnings.warn(f"{options.photo}: only {used} of the shape's {seen} pixels are used", UserWarning, stacklevel=2)
-    height, width = view.size
-    read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
-    return Sight(
-        observation,
-        view,
-        f"{options.photo}{read}: {silhouette}; {used} of its {seen} pixels used, at {height} x {width}",
-    )
-
-
-def _ball(options: argparse.Namespace, photograph: Photograph, size: int | None) -> tuple[Observation, View, str]:
-    """What a photograph shows of a ball, the view of it, and where its silhouette comes from."""
-    with about(options.photo):
-        camera = open_camera(options, photograph.size)
-        silhouette, origin = _silhouette(options, photograph, camera)
-        observation = observe(photograph.image, silhouette, photograph.usable, size)
-        ball = silhouette if isinstance(silhouette, Ball) else None
-        view = open_view(options, observation.image.shape[-1], ball)
-    seen = "" if ball is None else f", {ball.off_axis_deg:.1f} degrees off the axis of a {ball.camera}"
-    return observation, view, f"{silhouette}, {origin}{seen}"
-
-
-def _silhouette(
-    options: argparse.Namespace, photograph: Photograph, camera: PinholeCamera | None
-) -> tuple[Circle | Ball, str]:
-    """Where the ball is, and how that was found."""
-    if options.circle is not None:
-        circle = Circle(*options.circle)
-        if circle.leaves(*photograph.size):
-            message = f"{options.photo}: --circle, {circle}, leaves the photograph on opposite sides"
-            warnings.warn(message, UserWarning, stacklevel=2)
-        return circle if camera is None else Ball.of_circle(camera, *options.circle), "as given"
-    with about(options.mask or options.photo):
-        if camera is None:
-            found: Circle | Ball = find_circle(photograph.size, photograph.mask, photograph.window)
-        else:
-            found = find_ball(camera, photograph.mask, photograph.window)
-    if photograph.mask is not None:
-        return found, "of the mask"
-    return found, "as large as " + ("the photograph" if photograph.window is None else "what was recorded")
 
 
 @dataclass(frozen=True)
@@ -160,6 +70,7 @@ def write_results(
     library: MaterialLibrary,
     settings: dict[str, str],
     primaries: ColourSpace = DEFAULT_SPACE,
+    scene: Scene | None = None,
 ) -> None:
     """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; warns of all that the report does."""
     fitted.table.save(folder / RESULT)
@@ -175,7 +86,8 @@ def write_results(
         "classes": f"{fitted.classes.sizes} basis BRDFs",
     }
     observability = fitted.estimator.observability(library)
-    for warning in write_report(folder / "report.html", subject, description, observability=observability):
+    warned = write_report(folder / "report.html", subject, description, observability=observability, scene=scene)
+    for warning in warned:
         warnings.warn(warning, UserWarning, stacklevel=2)
 
 

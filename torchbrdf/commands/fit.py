@@ -38,7 +38,8 @@ def run(options: argparse.Namespace) -> int:
     from torchbrdf.brdf import MerlTable, above_horizon
     from torchbrdf.commands import _alignment
     from torchbrdf.commands._inputs import open_library, open_probe
-    from torchbrdf.commands._reconstruction import fit, read_observation, summary, write_results
+    from torchbrdf.commands._reconstruction import fit, summary, write_results
+    from torchbrdf.commands._sight import read_observation
     from torchbrdf.transport import BasisImages
 
     check_options(options)
@@ -67,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
             settings["alignment"] = str(found)
             written = f"alignment.json, aligned_probe.exr, {written}"
         fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
-        write_results(folder, fitted, probe, library, settings, options.primaries)
+        write_results(folder, fitted, probe, library, settings, options.primaries, sight.scene)
         if options.uncertainty:
             deviation = fitted.result.brdf_std(library).double()
             MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)

@@ -64,7 +64,8 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
     from torchbrdf.brdf import MaterialLibrary
     from torchbrdf.commands._demonstration import MATERIAL, photographed
     from torchbrdf.commands._inputs import open_library, open_probe
-    from torchbrdf.commands._reconstruction import fit, read_observation
+    from torchbrdf.commands._reconstruction import fit
+    from torchbrdf.commands._sight import read_observation
     from torchbrdf.light import LightProbe
 
     estimation = {"penalty": options.penalty, "constraint": options.constraint, "robust": options.robust}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from math import atan, degrees
+from math import atan, degrees, pi
 
 import numpy as np
 import torch
@@ -57,6 +57,11 @@ class Circle:
     def differs(self, other: Circle) -> float:
         """By how many pixels, at most, in place or radius."""
         return max(abs(self.x - other.x), abs(self.y - other.y), abs(self.radius - other.radius))
+
+    def outline(self, n: int = 256) -> Tensor:
+        """(n, 2) float64: points of it in the photograph, in pixels."""
+        turn = torch.arange(n, dtype=torch.float64) * (2 * pi / n)
+        return torch.stack([self.x + self.radius * torch.cos(turn), self.y - self.radius * torch.sin(turn)], -1)
 
     def contains(self, places: Tensor) -> Tensor:
         """(...) bool: whether places (..., 2) in pixels lie inside, to rounding."""

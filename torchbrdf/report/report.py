@@ -32,6 +32,7 @@ from torchbrdf.report._figures import (
 )
 from torchbrdf.report._observability_section import observability_section
 from torchbrdf.report._pictures import kind_of, light_picture, short_name, sphere_plate
+from torchbrdf.report._silhouette_section import Scene, silhouette_section
 from torchbrdf.report._slices import EXPLANATION as SLICE_EXPLANATION, slice_exposures, slice_figure
 from torchbrdf.report._spread import NINETY, spread_section
 from torchbrdf.report.evidence import (
@@ -65,6 +66,7 @@ def write_report(
     description: Mapping[str, str],
     *,
     observability: Observability | None = None,
+    scene: Scene | None = None,
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> list[str]:
@@ -73,6 +75,7 @@ def write_report(
     subject      the reconstruction and what it was made from
     description  settings to list, name -> value; a "title" becomes the title of the page
     observability  what the light and the view can tell at all, for a section of its own
+    scene        the whole photograph of a ball, for a section of its own
     size         pixels along a side of the spheres under other light
     samples      light samples a pixel for them
     The file is whole or absent.
@@ -84,6 +87,7 @@ def write_report(
         f"<h1>{escape(title)}</h1>",
         _verdict(evidence),
         _observed(evidence, view),
+        *([] if scene is None else [silhouette_section(scene)]),
         _novel(evidence),
         *([] if evidence.spread is None else [spread_section(evidence, view)]),
         *([] if observability is None else [observability_section(observability)]),

@@ -32,6 +32,10 @@ img.disc { border-radius: 50%; }
 .four .plate { aspect-ratio: 1; }
 .below { margin-top: 22px; gap: 22px; } .below div { flex: 1; min-width: 260px; } .below figure { flex: none; }
 @media (max-width: 640px) { .three, .four { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
+.outlined { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 16px; align-items: start; }
+.under { position: relative; } .under img { width: 100%; min-width: 256px; }
+.under svg { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }
+.under polygon { fill: none; stroke: #ffd400; stroke-width: 1.5; vector-effect: non-scaling-stroke; }
 .polars figcaption { text-align: center; }
 .polars { display: grid; grid-template-columns: 1fr 1fr; gap: 10px 24px; }
 sub { line-height: 0; }

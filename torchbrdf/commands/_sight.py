@@ -1,0 +1,117 @@
+"""What a photograph shows of its shape: read, found in its frame, resampled; `fit` and `live` share it."""
+
+import argparse
+import warnings
+from dataclasses import dataclass
+
+from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.commands._inputs import about, open_camera, open_view
+from torchbrdf.photograph import (
+    LARGEST_DEFAULT_SIZE,
+    Circle,
+    Observation,
+    Photograph,
+    find_ball,
+    find_circle,
+    observe,
+    observe_view,
+)
+from torchbrdf.report import Scene
+from torchbrdf.view import View
+
+_SMALL_SHARE = 0.25
+"""Of the view's pixels: with fewer the command warns."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What is seen of the shape, and how it was found there.
+
+    photograph  whole, as it was read
+    silhouette  of a ball in it; None for other shapes
+    found       how it was found, for people
+    about       for people: how the file was read, the silhouette, the pixels used
+    """
+
+    observation: Observation
+    view: View
+    photograph: Photograph
+    silhouette: Circle | Ball | None
+    found: str
+    about: str
+
+    @property
+    def scene(self) -> Scene | None:
+        """For the report."""
+        if self.silhouette is None:
+            return None
+        return Scene(self.photograph.image, self.silhouette.outline(), self.found)
+
+
+def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
+    """The photograph, its mask and circle, resampled to `size`, and the shape that it shows."""
+    photograph = Photograph.open(
+        options.photo,
+        options.mask,
+        invert_mask=options.invert_mask,
+        allow_ldr=options.allow_ldr,
+        layer=options.layer,
+        primaries=options.primaries,
+        encoding=options.encoding,
+    )
+    if options.view == "sphere":
+        observation, view, silhouette, found = _ball(options, photograph, size)
+    else:
+        if options.circle is not None:
+            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
+        view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.image.shape[-1]))
+        with about(options.photo):
+            observation = observe_view(photograph.image, view, photograph.usable)
+        silhouette, found = None, f"shape of {options.view}"
+    used, seen = int(observation.mask.sum()), len(view.pixels)
+    if used < _SMALL_SHARE * seen:
+        warnings.warn(f"{options.photo}: only {used} of the shape's {seen} pixels are used", UserWarning, stacklevel=2)
+    height, width = view.size
+    read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
+    return Sight(
+        observation,
+        view,
+        photograph,
+        silhouette,
+        found,
+        f"{options.photo}{read}: {found}; {used} of its {seen} pixels used, at {height} x {width}",
+    )
+
+
+def _ball(
+    options: argparse.Namespace, photograph: Photograph, size: int | None
+) -> tuple[Observation, View, Circle | Ball, str]:
+    """What a photograph shows of a ball, the view of it, its silhouette, and in words how that was found."""
+    with about(options.photo):
+        camera, told = open_camera(options, options.photo, photograph.size)
+        silhouette, origin = _silhouette(options, photograph, camera)
+        observation = observe(photograph.image, silhouette, photograph.usable, size)
+        ball = silhouette if isinstance(silhouette, Ball) else None
+        view = open_view(options, observation.image.shape[-1], ball)
+    seen = "" if ball is None else f", {ball.off_axis_deg:.1f} degrees off the axis of a {ball.camera}, {told}"
+    return observation, view, silhouette, f"{silhouette}, {origin}{seen}"
+
+
+def _silhouette(
+    options: argparse.Namespace, photograph: Photograph, camera: PinholeCamera | None
+) -> tuple[Circle | Ball, str]:
+    """Where the ball is, and how that was found."""
+    if options.circle is not None:
+        circle = Circle(*options.circle)
+        if circle.leaves(*photograph.size):
+            message = f"{options.photo}: --circle, {circle}, leaves the photograph on opposite sides"
+            warnings.warn(message, UserWarning, stacklevel=2)
+        return circle if camera is None else Ball.of_circle(camera, *options.circle), "as given"
+    with about(options.mask or options.photo):
+        if camera is None:
+            found: Circle | Ball = find_circle(photograph.size, photograph.mask, photograph.window)
+        else:
+            found = find_ball(camera, photograph.mask, photograph.window)
+    if photograph.mask is not None:
+        return found, "of the mask"
+    return found, "as large as " + ("the photograph" if photograph.window is None else "what was recorded")
