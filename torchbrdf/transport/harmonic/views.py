@@ -7,8 +7,11 @@ from torch import Tensor
 from torchbrdf.transport.harmonic.grid import HELD_DISTANCE
 from torchbrdf.view import SphereView, View
 
-NEAREST = HELD_DISTANCE * (1 - 1e-3)
+NEAREST = HELD_DISTANCE
 """Least distance in radii of a perspective camera from the middle of a ball; docs/transport.md tells the errors."""
+
+_ROUNDING = 1e-3
+"""Of the distance, for a field of view that is rounded to a tenth of a degree."""
 
 _ORTHOGRAPHIC = 1e-6
 
@@ -18,7 +21,7 @@ def unsuited(view: View) -> str | None:
     if type(view).visibility is not View.visibility:
         return f"{view!r} may shade itself"
     if type(view) is SphereView:
-        if view.fov_deg is None or view.framing.distance >= NEAREST:
+        if view.fov_deg is None or view.framing.distance >= NEAREST * (1 - _ROUNDING):
             return None
         return (
             f"the camera of {view!r} is {view.framing.distance:.3g} radii from the ball's middle, nearer than "
