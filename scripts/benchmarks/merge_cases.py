@@ -107,3 +107,14 @@ def bracket(
         camera.take(folder / f"IMG_{k}", one, time, random)
         for k, (one, time) in enumerate(zip(shown, times, strict=True))
     ]
+
+
+def texture(height: int = 160, width: int = 240, decades: float = 3.0, seed: int = 0) -> np.ndarray:
+    """(H, W, 3) radiance of soft coloured patches over some decades, median 1."""
+    import cv2
+
+    random = np.random.default_rng(seed)
+    grey, colour = random.standard_normal((height, width, 1)), 0.1 * random.standard_normal((height, width, 3))
+    logs = np.asarray(cv2.GaussianBlur(grey + colour, (0, 0), 5), dtype=np.float32)
+    ranks = decades / np.ptp(logs) * np.log(10) * (logs - np.median(logs))
+    return np.asarray(np.exp(ranks), dtype=np.float32)

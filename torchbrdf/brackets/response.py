@@ -72,7 +72,7 @@ class Consistency:
 
     misfit   robust relative deviation of a frame's radiance from the mean of all
     bias     the largest of such deviations that codes of like size have in common
-    offsets  (F, 3)  log of each frame's radiance over that of all, by channel; NaN where nothing is shared
+    offsets  (F, 3)  log of each frame's radiance over that of most, by channel; 0 where nothing is shared
     """
 
     misfit: float
@@ -81,13 +81,13 @@ class Consistency:
 
     @property
     def by_frame(self) -> np.ndarray:
-        """(F,) mean offset over channels; 0 where nothing is shared."""
-        return np.nan_to_num(self.offsets).mean(axis=1)
+        """(F,) mean offset over channels."""
+        return np.asarray(self.offsets.mean(axis=1))
 
     @property
     def by_colour(self) -> float:
         """How much more one channel of a frame departs than the others, at most."""
-        return float(np.nan_to_num(np.abs(self.offsets - self.offsets.mean(axis=1, keepdims=True))).max())
+        return float(np.abs(self.offsets - self.offsets.mean(axis=1, keepdims=True)).max())
 
     def no_worse(self, other: Consistency, misfit: float, bias: float) -> bool:
         """Whether it is as good as another up to noise, or better than what is given."""
@@ -106,19 +106,24 @@ def consistency(curve: Curve, samples: Samples, exposures: np.ndarray) -> Consis
     residuals = _residuals(np.where(weights > 0, logs, 0), weights)
     shared = (weights > 0) & ((weights > 0).sum(axis=0) >= 2)
     if not shared.any():
-        return Consistency(np.inf, np.inf, np.full((len(exposures), 3), np.nan))
-    offsets = np.array(
-        [
-            [np.median(residuals[f, :, k][shared[f, :, k]]) if shared[f, :, k].sum() > 10 else np.nan for k in range(3)]
-            for f in range(len(exposures))
-        ]
-    )
+        return Consistency(np.inf, np.inf, np.zeros((len(exposures), 3)))
     heavy = shared & (weights > np.median(weights[shared]))
     misfit = float(1.4826 * np.median(np.abs(residuals[heavy])))
     level = np.searchsorted(_LEVELS, np.nan_to_num(samples.codes))
     level[~shared] = -1
     common = [abs(np.median(residuals[of])) for k in range(1, len(_LEVELS)) if (of := level == k).sum() >= _FEWEST]
-    return Consistency(misfit, float(max(common, default=np.inf)), offsets)
+    return Consistency(misfit, float(max(common, default=np.inf)), _offsets(logs, weights))
+
+
+def _offsets(logs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(F, 3): how far each frame is above the middle one, by what neighbours share: one that is wrong stands out."""
+    offsets = np.zeros((len(logs), 3))
+    for f in range(1, len(logs)):
+        both = (weights[f] > 0) & (weights[f - 1] > 0)
+        for k in range(3):
+            step = logs[f, both[:, k], k] - logs[f - 1, both[:, k], k]
+            offsets[f, k] = offsets[f - 1, k] + (np.median(step) if len(step) >= _FEWEST else 0)
+    return np.asarray(offsets - np.median(offsets, axis=0))
 
 
 def _weights(curve: Curve, codes: np.ndarray, radiance: np.ndarray) -> np.ndarray:
