@@ -11,6 +11,8 @@ import numpy as np
 
 _COARSEST = 160
 """Pixels along the longer side at which any shift is looked for."""
+_LARGEST = 3200
+"""Of larger frames, means of 2 x 2 pixels tell as much."""
 _OVERLAP = 0.4
 _POINTS = 60_000
 _FEWEST_POINTS = 300
@@ -73,10 +75,12 @@ def find_motion(dark: np.ndarray, bright: np.ndarray) -> Motion | None:
     places are found by least squares from coarse to fine [LK81].
     None where they have too little in common to tell. Raises LookupError where they do not match.
     """
+    width = bright.shape[1]
+    while max(bright.shape) > _LARGEST:
+        bright, dark = (_halved(one, (one.shape[1] // 2, one.shape[0] // 2)) for one in (bright, dark))
     levels = list(_pyramid(bright, dark))
     if min(np.isfinite(one).mean() for one in levels[0]) < _BOTH:
         return None
-    width = bright.shape[1]
     motion = _coarse(*levels[-1]).scaled(width / levels[-1][0].shape[1])
     for a, b in reversed(levels):
         scale = a.shape[1] / width
