@@ -8,8 +8,8 @@ known curve is given to all methods; the other one is estimated by each. Handhel
 before OpenCV's methods `AlignMTB` lays them over one another.
 
 Each cell is the median relative error of the pixels of one decade of the linear value in the middle exposure, that
-median over probes, after the one factor for each channel that makes it least; pixels that we mark as not held do not
-count for anyone. Beside it CPU seconds a bracket.
+median over probes, after one factor for each channel. Pixels count that the shortest exposure holds below 0.8 of
+clipping with all around them, in the frame that a method laid the others over. Beside it CPU seconds a bracket.
 """
 
 import statistics
@@ -35,6 +35,7 @@ MIDDLE = 0.15
 """Linear value of the median radiance in the middle exposure."""
 DECADES = (-3, -2, -1, 0, 1)
 SHIFT = 12.0
+UNCLIPPED = 0.8
 Method = Callable[[Sequence[Path], Sequence[float], str, bool], np.ndarray]
 
 
@@ -101,7 +102,7 @@ def rows(probes: Sequence[Path]) -> Iterator[list[str]]:
                     known = "known" if curve == "srgb" else "estimated"
                     errors_of = [f"{100 * cell:.1f}" if np.isfinite(cell) else "" for cell in cells[:-1]]
                     print(known, name, held, method, errors_of, file=sys.stderr, flush=True)
-                    yield [f"{known}; {name}; {held}", method, *errors_of, f"{cells[-1]:.1f}"]
+                    yield [f"{known}; {name}; {held}", method, *errors_of, f"{cells[-1]:.2f}"]
 
 
 def case(radiance: np.ndarray, curve: str, count: int, factor: float, still: bool, seed: int) -> dict[str, list[float]]:
@@ -119,13 +120,13 @@ def case(radiance: np.ndarray, curve: str, count: int, factor: float, still: boo
             start = time.process_time()
             found[name] = method(files, times, curve, still)
             seconds[name] = time.process_time() - start
-    held = np.isfinite(found["torchbrdf"])
-    level = np.floor(np.log10(radiance * times[middle]))
     table = {}
     for name, one in found.items():
         truth = radiance if still else placed(radiance, one, motions)
-        apart = errors(one, truth, held)
-        table[name] = [float(np.nanmedian(apart[held & (level == decade)])) for decade in DECADES] + [seconds[name]]
+        held = cv2.erode((truth.max(axis=2) * times[0] < UNCLIPPED).astype(np.uint8), np.ones((5, 5))) > 0
+        apart = errors(one, truth, held[..., None])
+        level = np.where(held[..., None], np.floor(np.log10(truth * times[middle])), np.nan)
+        table[name] = [float(np.nanmedian(apart[level == decade])) for decade in DECADES] + [seconds[name]]
     return table
 
 

@@ -51,6 +51,17 @@ def test_floating_point_is_linear(tmp_path):
     assert errors(found.image).max() < 1e-5
 
 
+def test_what_no_file_recorded_is_counted_apart(tmp_path):
+    files = []
+    for time in TIMES:
+        clipped = torch.from_numpy((SCENE * time).clip(0, 1)).permute(2, 0, 1).clone()
+        clipped[:, :10, :20] = torch.nan
+        write_image(tmp_path / f"{time}.exr", clipped, {"expTime": time})
+        files.append(tmp_path / f"{time}.exr")
+    found = merge(files)
+    assert found.about[3].endswith("0 too bright, 0 too dark, 0 between exposures, 200 recorded by no file")
+
+
 def test_frames_are_laid_over_one_another(tmp_path):
     motions = [(3.3, -2.1, 0.2), (0.0, 0.0, 0.0), (-4.6, 1.7, 0.0), (1.5, 5.2, -0.3)]
     found = merge(bracket(tmp_path, SCENE, TIMES, Camera(), motions))

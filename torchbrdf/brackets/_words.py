@@ -38,8 +38,10 @@ def describe_missing(frames: Sequence[Frame], radiance: Radiance) -> str:
     for missing, share, why in parts:
         if missing > share * count:
             warnings.warn(f"{missing} of {count} pixels ({missing / count:.2%}) are {why}", UserWarning, stacklevel=4)
-    total = sum(missing for missing, _, _ in parts)
+    total = sum(missing for missing, _, _ in parts) + radiance.unrecorded
     if not total:
         return f"all {count} pixels are held"
     told = f"{radiance.bright} too bright, {radiance.dark} too dark, {radiance.between} between exposures"
+    if radiance.unrecorded:
+        told += f", {radiance.unrecorded} recorded by no file"
     return f"{total} of {count} pixels are NaN, which no exposure holds: {told}"

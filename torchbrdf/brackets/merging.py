@@ -30,15 +30,17 @@ _CODE_NOISE = 1.0
 class Radiance:
     """Linear values over exposure, (H, W, 3) float32: NaN in the pixels counted here.
 
-    bright   clipped in every frame that shows them
-    dark     black in every frame
-    between  clipped in some frames and black in all others
+    bright      clipped in every frame that shows them
+    dark        black in every frame
+    between     clipped in some frames and black in all others
+    unrecorded  NaN in every frame
     """
 
     values: np.ndarray
     bright: int
     dark: int
     between: int
+    unrecorded: int
 
 
 def merged(
@@ -74,9 +76,8 @@ def merged(
     with np.errstate(invalid="ignore", divide="ignore"):
         values = np.where(held & shown, numerator / denominator, np.nan).transpose(1, 2, 0)
     unseen = held & ~shown
-    return Radiance(
-        np.ascontiguousarray(values), int((~held).sum()), int((unseen & ~clipped).sum()), int((unseen & clipped).sum())
-    )
+    counts = (int(one.sum()) for one in (~held & clipped, unseen & ~clipped, unseen & clipped, ~held & ~clipped))
+    return Radiance(np.ascontiguousarray(values), *counts)
 
 
 class _Moved:
@@ -107,7 +108,7 @@ def _unclipped(frame: Frame, clip: np.ndarray, margin: int) -> tuple[np.ndarray,
     share = np.ones(frame.codes.shape[:2], dtype=np.float32)
     for k in range(3):
         np.minimum(share, _of_codes(frame, k, partial(_falling, clip=float(clip[k]))), out=share)
-    bright = np.where(share > 0, np.float32(0), np.float32(1))
+    bright = np.where((share > 0) | ~np.isfinite(frame.codes).all(axis=2), np.float32(0), np.float32(1))
     if margin:
         bright = np.asarray(cv2.dilate(bright, np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)), dtype=np.float32)
         share[bright > 0] = 0
