@@ -80,7 +80,8 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
     found = chosen.found
     worst = int(np.argmax(np.abs(found.by_frame)))
     amount = np.expm1(found.by_frame[worst])
-    if abs(amount) > _BRIGHTNESS:
+    alone = (np.abs(found.by_frame) > _BRIGHTNESS).sum() == 1 or chosen.curve.known is None
+    if abs(amount) > _BRIGHTNESS and alone:
         how = "brighter" if amount > 0 else "darker"
         _warn(
             f"{frames[worst].path}: is {abs(amount):.0%} {how} than its exposure says: its time is wrong, or the light "
@@ -91,7 +92,11 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
             f"{frames[worst].path} and others: colours differ by {found.by_colour:.0%} between exposures: was the "
             "white balance automatic? Set it by hand"
         )
-    if np.isfinite(found.misfit) and max(found.misfit, found.bias) > _APART and abs(amount) <= _BRIGHTNESS:
+    if (
+        np.isfinite(found.misfit)
+        and max(found.misfit, found.bias) > _APART
+        and not (abs(amount) > _BRIGHTNESS and alone)
+    ):
         cure = "" if chosen.curve.known is None else "; leave --response and --like out to have it estimated"
         apart = max(found.misfit, found.bias)
         _warn(

@@ -88,7 +88,7 @@ def choose(
         return fitted
     if best.found.no_worse(fitted.found, _AGREE, _BIAS):
         return best
-    why = f"under {best.curve.name} they are {max(best.found.misfit, best.found.bias):.0%} apart"
+    why = f"under {best.curve.name} exposures are {np.expm1(max(best.found.misfit, best.found.bias)):.0%} apart"
     return Chosen(fitted.curve, fitted.exposures, fitted.stops, fitted.found, f"{fitted.about}: {why}")
 
 
