@@ -35,7 +35,7 @@ class HarmonicBasis:
         reason = unsuited(view)
         if reason is not None:
             raise ValueError(f'backend="harmonic" cannot render this view: {reason}; use backend="sampled"')
-        self.library, self.probe, self.view = library, probe, view
+        self.library, self.probe, self.view, self.lines = library, probe, view, lines
         self.transport = transport_of(library, progress)
         self._light = TurningLight(probe.to(self.transport.device), lines)
         whole = library.materials == tuple(range(len(library.stored.names)))
