@@ -6,8 +6,8 @@
 
 A sun of 0.53 degrees is added to a probe, as 1 to 5 times the irradiance of all the rest. Mitsuba renders a sphere of
 each material under both, with 1 % noise. What `align` is given is clipped at the sun's radiance over 2 to 1000, and
-turned; it is told neither. A probe that is clipped by 1 is as it was, and what is found of it is false. The factor is that of
-the clipped texels' power, weighed by luminance; deviations are in standard deviations that the posterior claims.
+turned; it is told neither. A probe that is clipped by 1 is as it was, and what is found of it is false. The factor is
+that of the clipped texels' power, weighed by luminance; deviations are in the posterior's standard deviations.
 
 OUT holds the renderings: run the same command again to go on with them.
 """
@@ -127,7 +127,8 @@ def run(options: argparse.Namespace) -> int:
             stem = options.output / Path(name).stem / material
             bsdf = SHARED / "rgl" / f"{material}_rgb.bsdf"
             parts = ((rest, "base", 1024), (sun, "sun", 512))
-            image = sum(rendered(Path(f"{stem}_{kind}.exr"), light, bsdf, n) for light, kind, n in parts)
+            images = [rendered(Path(f"{stem}_{kind}.exr"), light, bsdf, n) for light, kind, n in parts]
+            image = torch.stack(images).sum(0)
             noisy = noisy_observations(image.flatten(1), [1.0], f"{name} {material}")[0].view(image.shape).float()
             for clipped in options.clipped:
                 for turned in options.turned:

@@ -26,7 +26,7 @@ def found(probe: LightProbe, std: float) -> SimpleNamespace:
 
 
 def test_a_plateau_is_warned_of_without_alignment() -> None:
-    text = "^light probe: 5 texels of 30 .row 10, columns 20 to 24, counted from 0., its brightest, look clipped; --align"
+    text = r"^light probe: 5 texels of 30 \(row 10, columns 20 to 24, counted from 0\), its brightest, look clipped; --"
     with pytest.warns(UserWarning, match=text):
         warn_of_lamps(LightProbe(sky(5)), None)
 

@@ -123,11 +123,11 @@ class TestGoesAlong:
     def test_known_then(self) -> None:
         probe = self.PROBE.relit(torch.ones(3))
         assert probe.lamps is None
-        with pytest.raises(ValueError, match="^light probe has no texels that may be clipped$"):
+        with pytest.raises(ValueError, match=r"^light probe has no texels that may be clipped$"):
             probe.relit(torch.ones(3))
 
     def test_other_factors(self) -> None:
-        with pytest.raises(ValueError, match="^factors of lamps must be three finite numbers of at least 0, got"):
+        with pytest.raises(ValueError, match=r"^factors of lamps must be three finite numbers of at least 0, got"):
             self.PROBE.relit(torch.tensor([1.0, math.nan, 1.0]))
 
     def test_pickled(self) -> None:
@@ -153,8 +153,8 @@ class TestFiles:
 
     def test_saved_and_opened(self, tmp_path: Path) -> None:
         """A radiance that was found is not doubted again."""
-        for name, probe in (("given", TestGoesAlong.PROBE), ("found", TestGoesAlong.PROBE.relit(torch.full((3,), 9.0)))):
-            probe.save(tmp_path / f"{name}.exr")
+        TestGoesAlong.PROBE.save(tmp_path / "given.exr")
+        TestGoesAlong.PROBE.relit(torch.full((3,), 9.0)).save(tmp_path / "found.exr")
         assert LightProbe.open(tmp_path / "given.exr").lamps is not None
         assert LightProbe.open(tmp_path / "found.exr").lamps is None
 
@@ -182,5 +182,5 @@ class TestInfinite:
     def test_refused_otherwise(self) -> None:
         radiance = sky()
         radiance[:, 20, 30:32] = math.inf
-        with pytest.raises(ValueError, match="or find it with `torchbrdf fit --align` .unknown_lamps=True and tb.align"):
+        with pytest.raises(ValueError, match=r"or find it with `torchbrdf fit --align` \(unknown_lamps=True"):
             LightProbe(radiance)

@@ -5,9 +5,10 @@ evidence is that of the estimator's priors, as for rotations; its prior is even 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, log, pi
+from operator import itemgetter
 
 import torch
 from torch import Tensor
@@ -82,6 +83,12 @@ class LampRadiance:
     def confident(self) -> bool:
         """Whether the photograph tells the radiance, also that it is as recorded."""
         return bool((self.std[self.lamps.channels] <= TOLD).all())
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether the factors are as large as was looked for."""
+        largest = LARGEST_UNKNOWN if self.lamps.unknown else LARGEST
+        return self.clipped and float(self.factors.max()) > largest / 2
 
     def is_near(self, other: "LampRadiance") -> bool:
         """Whether the light is much the same."""
@@ -247,15 +254,27 @@ def with_lamp(
     climb  finds the rotation, from the trial that is believed: a summit, the best trial, the odds of a turn
     """
     given, evaluations = task, 0
-    for _ in range(_MOST_ROUNDS):
-        task = _lit(given, lamp)
-        summit, best, log_odds = climb(task, task.trial(believed.rotation) if lamp.clipped else believed)
-        evaluations += task.evaluations if lamp.clipped else 0
-        guess, lamp = lamp, radiance_at(given, best.rotation, lamp)
-        if lamp.is_near(guess):
+    recorded = replace(lamp, factors=torch.ones_like(lamp.factors), log_odds=-inf)
+    found: list[tuple[float, LampRadiance, Climb]] = []
+    for start in (lamp, recorded) if lamp.clipped else (lamp,):
+        current, settled = start, False
+        for _ in range(_MOST_ROUNDS):
+            task = _lit(given, current)
+            climbed = climb(task, task.trial(believed.rotation) if current.clipped else believed)
+            evaluations += task.evaluations if task is not given else 0
+            guess = first_guess(given, climbed[1]) or current
+            before, (current, evidence) = current, _radiance_at(given, climbed[1].rotation, guess)
+            settled = current.is_near(before)
+            if settled:
+                break
+        found.append((evidence, current, climbed))
+        if settled and not current.at_bound:
             break
-    if lamp.clipped:
-        task = _lit(given, lamp)
+    _, lamp, (summit, best, log_odds) = max(found, key=itemgetter(0))
+    if lamp.at_bound and not lamp.lamps.unknown:  # no top, but light that the photograph explains no other way
+        lamp = replace(recorded, std=log(LARGEST) * lamp.lamps.channels.double(), log_odds=0.0)
+    task = _lit(given, lamp)
+    if lamp.clipped or best.basis.probe != task.light.probe.fingerprint:
         best = task.trial(best.rotation)
     task.evaluations += evaluations + (given.evaluations if task is not given else 0)
     return task, lamp, (summit, best, log_odds)
@@ -269,20 +288,22 @@ def _lit(given: RotationSearch, lamp: LampRadiance) -> RotationSearch:
     return RotationSearch(light, given.y, given.used, given.expected)
 
 
-def radiance_at(task: RotationSearch, rotation: Tensor, guess: LampRadiance) -> LampRadiance:
-    """The factors of the lamps of the probe of a search, under one rotation, from a guess."""
+def _radiance_at(task: RotationSearch, rotation: Tensor, guess: LampRadiance) -> tuple[LampRadiance, float]:
+    """The factors of the lamps of the probe of a search, under one rotation, from a guess; their log evidence."""
     search = LampSearch(task.light, rotation, task.y, task.used)
     top, precision = search.climb(guess.factors.log())
+    count = int(search.channels.sum())
+    precision = precision + torch.outer(search.channels, search.channels) * 12 / (count * search.largest) ** 2  # even
     std = torch.linalg.inv(precision).diagonal().sqrt() * search.channels
     if guess.lamps.unknown:
-        return LampRadiance(guess.lamps, top.log_factors.exp(), std, inf)
-    count = int(search.channels.sum())
+        return LampRadiance(guess.lamps, top.log_factors.exp(), std, inf), top.log_evidence
     away = top.log_factors * search.channels
     away = (away - away.sum() / count) * search.channels
     log_prior = -log(search.largest * count**0.5) - (count - 1) * log(COLOUR * (2 * pi) ** 0.5)
     log_prior -= 0.5 * float(away.square().sum()) / COLOUR**2
     volume = 0.5 * (count * log(2 * pi) - float(torch.logdet(precision)))
-    odds = top.log_evidence + log_prior + volume - search.at(torch.zeros(3, dtype=torch.float64)).log_evidence
+    as_recorded = search.at(torch.zeros(3, dtype=torch.float64)).log_evidence
+    odds = top.log_evidence + log_prior + volume - as_recorded
     if odds > CLEAR:
-        return LampRadiance(guess.lamps, top.log_factors.exp(), std, odds)
-    return LampRadiance(guess.lamps, torch.ones(3, dtype=torch.float64), guess.std, odds)
+        return LampRadiance(guess.lamps, top.log_factors.exp(), std, odds), top.log_evidence
+    return LampRadiance(guess.lamps, torch.ones(3, dtype=torch.float64), guess.std, odds), as_recorded
