@@ -7,15 +7,16 @@
 Runs `torchbrdf merge`, `probe` and `fit` as processes on the files of every capture, with nothing by hand, and shows
 the tables under all lights but the capture's own: error = |rendered - target| / |target| over the pixels of 64 x 64,
 mean over the lights, in per cent. Beside it the ratio to the ideal observation of the same captures, the time of all
-commands, how often one refused, and silent failures: errors of at least twice the ideal's without a line of warning.
-Stages whose commands this torchbrdf lacks are not available. With --by-hand the circles of all balls are given from the
-truth.
+commands, how often one refused, and silent failures: errors of at least twice the ideal's without a line of warning,
+and those whose warnings the ideal observation gave, too. Stages whose commands this torchbrdf lacks are not available.
+With --by-hand the circles of all balls are given from the truth.
 
 OUT holds one file a finished case: run the same command again to continue.
 """
 
 import argparse
 import json
+import re
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
@@ -31,12 +32,14 @@ from torchbrdf.sweep import Task, sweep
 SILENT = 2.0
 """Times the ideal's error, from which on a result without a warning is a silent failure."""
 
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+
 Cases = Mapping[str, Mapping[str, Any]]
 """Capture -> what `capture_case` returns."""
 
 HEAD = [
     "files", "captures", "mean", "median", "worst", "over ideal: mean", "worst", "refused", "at least 2 x ideal",
-    "silent", "seconds: median", "most",
+    "silent", "as silent as the ideal", "seconds: median", "most",
 ]  # fmt: skip
 
 
@@ -61,6 +64,12 @@ def truths_of(folder: Path, only: Sequence[str] = ()) -> dict[str, dict[str, Any
 def silent(case: Mapping[str, Any], ideal: Mapping[str, Any]) -> bool:
     """Whether a case is bad and nothing was said."""
     return failed(case, ideal) and not case["warnings"]
+
+
+def says_no_more(case: Mapping[str, Any], ideal: Mapping[str, Any]) -> bool:
+    """Whether a case is bad and every warning of it, numbers aside, came with the ideal observation, too."""
+    kinds, usual = ({_NUMBER.sub("", warning) for warning in one["warnings"]} for one in (case, ideal))
+    return failed(case, ideal) and kinds <= usual
 
 
 def failed(case: Mapping[str, Any], ideal: Mapping[str, Any]) -> bool:
@@ -89,6 +98,7 @@ def line(name: str, cases: Cases, ideal: Cases) -> list[str]:
         str(refused),
         str(sum(failed(*pair) for pair in pairs)),
         str(sum(silent(*pair) for pair in pairs)),
+        str(sum(says_no_more(*pair) for pair in pairs)),
         f"{statistics.median(seconds):.1f}",
         f"{max(seconds):.1f}",
     ]

@@ -144,7 +144,7 @@ def test_a_line_compares_with_the_ideal_of_the_same_captures():
     ideal = {"a": case(0.02), "b": case(0.04), "c": case(0.5)}
     found = {"a": case(0.03), "b": case(0.09, "dark"), "c": case(None, seconds=5.0)}
     assert benchmark.line("photo", found, ideal) == [
-        "photo", "3", "6.00", "6.00", "9.00", "2.00", "2.25", "1", "1", "0", "1.0", "5.0",
+        "photo", "3", "6.00", "6.00", "9.00", "2.00", "2.25", "1", "1", "0", "0", "1.0", "5.0",
     ]  # fmt: skip
 
 
@@ -153,6 +153,11 @@ def test_a_line_compares_with_the_ideal_of_the_same_captures():
 )
 def test_silent_is_what_is_twice_as_bad_and_says_nothing(error: float, warnings: list[str], expected: bool):
     assert benchmark.silent(case(error, *warnings), case(0.02)) is expected
+
+
+@pytest.mark.parametrize(("warning", "expected"), [("7.5 % unexplained", True), ("the ball may be elsewhere", False)])
+def test_a_warning_that_the_ideal_has_with_another_number_tells_nothing(warning: str, expected: bool):
+    assert benchmark.says_no_more(case(0.5, warning), case(0.02, "2.25 % unexplained", "dark")) is expected
 
 
 def test_the_report_says_what_is_not_available_what_refused_and_what_is_silent():
