@@ -86,9 +86,7 @@ class _Edges:
         slope = np.hypot(x, y)
         x, y = x / (slope + 1e-12), y / (slope + 1e-12)
         down, right = np.mgrid[0:height, 0:width].astype(np.float32)
-        ahead, behind = (
-            cv2.remap(slope, right + sign * x, down + sign * y, cv2.INTER_LINEAR) for sign in (1, -1)
-        )
+        ahead, behind = (cv2.remap(slope, right + sign * x, down + sign * y, cv2.INTER_LINEAR) for sign in (1, -1))
         usual = 0.5 * cv2.GaussianBlur(slope, (0, 0), _NEIGHBOURHOOD * max(height, width)) + _FAINTEST
         ridge = well & (slope >= ahead) & (slope > behind) & (slope > 0.3 * usual)
         rows, columns = np.nonzero(ridge)
@@ -112,7 +110,10 @@ class _Edges:
         score = (near - usual) * 4 * np.pi * sigma**2 / (2 * np.pi * radius) ** 0.7
         y, x = np.nonzero((score == cv2.dilate(score, np.ones((3, 3), np.uint8))) & (score > 0))
         best = np.argsort(-score[y, x])[:_PER_RADIUS]
-        return [(float(score[j, i]), i - margin + 0.5, j - margin + 0.5, radius) for i, j in zip(x[best], y[best], strict=True)]
+        return [
+            (float(score[j, i]), i - margin + 0.5, j - margin + 0.5, radius)
+            for i, j in zip(x[best], y[best], strict=True)
+        ]
 
     def _votes(self, x: np.ndarray, y: np.ndarray, margin: int) -> np.ndarray:
         """(H + 2 margin, W + 2 margin): weights, put down both ways along a vector from each edge."""

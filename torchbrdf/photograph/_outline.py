@@ -26,7 +26,31 @@ _BLOCKS = 24
 _VOTE = 0.7
 """From here on a ray speaks for the outline."""
 
-_BLURS = (0.45, 0.6, 0.8, 1.05, 1.4, 1.85)
+_TOO_SURE, _EXACT = 2.0, 0.15
+"""By what factor arcs agree better than they are right, and pixels of the level by which all are wrong together."""
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """A circle in a chart, moved, and stretched along one direction.
+
+    shift      (5,)  of the rim, as `Rays.harmonics` of order 2, in radii of the circle before
+    amplitude  by how much it leaves a circle, in radii
+    std        of the amplitude
+    """
+
+    before: Place
+    shift: np.ndarray
+    amplitude: float
+    std: float
+
+    def points(self, n: int) -> np.ndarray:
+        """(n, 2) of the chart."""
+        x, y, radius = self.before
+        turn = 2 * np.pi * np.arange(n) / n
+        outwards = np.stack([np.cos(turn), np.sin(turn)], -1)
+        by = np.stack([np.cos(turn), np.sin(turn), np.ones(n), np.cos(2 * turn), np.sin(2 * turn)], -1) @ self.shift
+        return np.array([x, y]) + radius * (1 + by[:, None]) * outwards
 
 
 @dataclass(frozen=True)
@@ -77,7 +101,7 @@ class Outline:
             shift, score = climb(votes, basis, offsets, start)
             if best is None or score > best[0]:
                 best = score, shift, votes
-        assert best is not None  # noqa: S101  # there is a blur
+        assert best is not None  # there is a blur
         return cls(place, rays, offsets, best[2], best[1], n)
 
     @property
@@ -108,17 +132,18 @@ class Outline:
 
     @cached_property
     def std(self) -> np.ndarray:
-        """(3,): standard deviations of x, y and radius, in radii, from how arcs of the rim disagree."""
-        return np.sqrt(np.diag(self._covariance(self.rays.harmonics(), self.shift)))
+        """(3,): standard deviations of x, y and radius, in radii: arcs of the rim disagree, and all are a bit wrong."""
+        disagreement = np.diag(self._covariance(self.rays.harmonics(), self.shift))
+        return np.asarray(np.sqrt(_TOO_SURE**2 * disagreement + (_EXACT / self.rays.pixels) ** 2))
 
     @cached_property
-    def ellipse(self) -> tuple[float, float]:
-        """By how much the outline leaves the circle as an ellipse does, in radii, and how uncertain that is."""
+    def ellipse(self) -> Ellipse:
+        """The outline as an ellipse."""
         basis = self.rays.harmonics(2)
         shift, _ = climb(self.votes, basis, self.offsets, np.append(self.shift, [0, 0]))
-        covariance = self._covariance(basis, shift)
-        amplitude = float(np.hypot(*shift[3:]))
-        return amplitude, float(np.sqrt(np.trace(covariance[3:, 3:]) / 2))
+        spread = float(np.trace(self._covariance(basis, shift)[3:, 3:]) / 2)
+        std = float(np.sqrt(_TOO_SURE**2 * spread + (_EXACT / self.rays.pixels) ** 2))
+        return Ellipse(self.before, shift, float(np.hypot(*shift[3:])), std)
 
     def _covariance(self, basis: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Of an M-estimate: H^-1 G H^-1, with the curvature H of the votes and the spread G of slopes among arcs."""
@@ -127,7 +152,7 @@ class Outline:
         slope, bend = (high - low) / (2 * step), (2 * middle - low - high) / step**2
         block = (self.rays.angles / (2 * np.pi) * _BLOCKS).astype(int)
         sums = np.stack([np.bincount(block, slope * column, _BLOCKS) for column in basis.T], -1)
-        curvature = basis.T @ (bend[:, None] * basis)
+        curvature = basis.T @ (np.maximum(bend, 0)[:, None] * basis)
         values, vectors = np.linalg.eigh(curvature)
         inverse = (vectors / np.maximum(values, 1e-6 * abs(values).max() + 1e-12)) @ vectors.T
         return np.asarray(inverse @ (sums.T @ sums) @ inverse)

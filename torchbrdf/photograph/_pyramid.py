@@ -19,7 +19,7 @@ class Pyramid:
 
     @classmethod
     def of(cls, image: Tensor, usable: Tensor | None = None) -> Pyramid:
-        """Of a photograph (3, H, W) and the pixels (1, H, W) of it that may be used; halved while 48 pixels are left."""
+        """Of a photograph (3, H, W) and which pixels (1, H, W) of it may be used; halved while 48 are left."""
         import cv2
 
         sound = torch.isfinite(image).all(0) if usable is None else torch.isfinite(image).all(0) & usable[0]
@@ -44,5 +44,7 @@ class Pyramid:
         import cv2
 
         x, y = np.moveaxis((places / 2**level - 0.5).astype(np.float32), -1, 0)
-        edge = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (np.nan,) * 4}
-        return np.asarray(cv2.remap(self.levels[level], x, y, cv2.INTER_LINEAR, **edge))
+        picture, beyond = self.levels[level], (np.nan,) * 4
+        return np.asarray(
+            cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=beyond)
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, pi
@@ -12,30 +13,38 @@ from torch import Tensor
 
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.photograph._candidates import Place, seek
-from torchbrdf.photograph._charts import chart_of
+from torchbrdf.photograph._charts import Chart, chart_of
 from torchbrdf.photograph._outline import Outline
 from torchbrdf.photograph._pyramid import Pyramid
 from torchbrdf.photograph.silhouette import Circle
 
-_CANDIDATES = 40
-_REFINED = 10
+FITTED_RADIUS = 32
+"""Pixels of the ball's radius in which deviations are told: of a photograph at 64 x 64."""
+
+_CANDIDATES, _FIRST, _LIKELY = 40, 6, 12
 _FLOOR = 0.05
 """Of the median radiance: smaller differences are noise."""
 
-_APART = 0.1
-_COVERED = 0.5
-"""Share of a circle that may lie in a better one."""
+_ROUGH_RADIUS, _ROUGH_REACH, _ROUGH_RAYS = 40, 0.12, 96
+_FINE_RADIUS, _FINE_RAYS = 128, 360
+_STAGES: tuple[tuple[float, tuple[float, ...]], ...] = ((0.07, (1.0,)), (0.03, (0.45, 0.6, 0.8, 1.05, 1.4, 1.85)))
+"""How far the outline may move, in radii, and how blurred it may be, in pixels."""
 
-_BLURS = (0.45, 0.6, 0.8, 1.05, 1.4, 1.85)
-_RAYS = 360
-_FINE_RADIUS = 128
+_LEAST_REACH = 3.0
+_HOPELESS = 0.15
+"""Score below which an outline is not refined."""
 
-_LEAST_SHARE, _SURE_SHARE = 0.4, 0.5
-_SURE_SCORE = 0.8
-_MOST_STD = 0.15
+_SAME, _APART, _COVERED = 0.02, 0.1, 0.5
+"""In radii, how near two starts, and two outlines, are the same; the share of a circle that may lie in a better one."""
 
-FITTED = 64
-"""Pixels across a ball in which deviations are told."""
+_LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.4, 0.6
+_MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
+"""In pixels of FITTED_RADIUS."""
+
+_CERTAIN = 4
+"""Standard deviations."""
+
+_EDGE_POINTS = 128
 
 
 @dataclass(frozen=True)
@@ -43,12 +52,12 @@ class FoundBall:
     """A ball in a photograph.
 
     silhouette  a circle, or a ball before the camera where that is known
-    std         (x, y, radius): standard deviations in pixels of the photograph, from how parts of the rim disagree
-    rim         share of the rim that is seen as an edge
-    outside     share of the ball's disc that the photograph's border cuts off
-    score       by how much likelier than anywhere the outline is there, mean of a logarithm over the rim
-    ellipse     by how many pixels of the ball's radius the outline is an ellipse beyond what the camera gives one, and
-                the standard deviation of that
+    std         of x, y and radius: standard deviations in pixels of the photograph
+    rim         share of its rim that is seen as an edge
+    outside     share of its disc that the photograph's border cuts off
+    score       by how much likelier than elsewhere its rim is there: the mean of a logarithm
+    edge        (n, 2): what is seen as its outline, in pixels, an ellipse that need be no ball's
+    flattened   by how much that leaves a ball's, in pixels, and the standard deviation
     """
 
     silhouette: Circle | Ball
@@ -56,7 +65,8 @@ class FoundBall:
     rim: float
     outside: float
     score: float
-    ellipse: tuple[float, float]
+    edge: Tensor
+    flattened: tuple[float, float]
 
     def __str__(self) -> str:
         """For people."""
@@ -68,59 +78,83 @@ class FoundBall:
         return self.silhouette if isinstance(self.silhouette, Circle) else Circle(*self.silhouette.circle)
 
     @property
+    def round(self) -> bool:
+        """Whether it may be the outline of a ball, before the camera that was given."""
+        amplitude, std = self.flattened
+        return amplitude < max(_MOST_ELLIPSE * self.circle.radius / FITTED_RADIUS, _CERTAIN * std)
+
+    @property
     def sure(self) -> bool:
-        """Whether it is a ball beyond doubt."""
-        return self.rim >= _SURE_SHARE * (1 - self.outside) and self.score >= _SURE_SCORE and (
-            max(self.std) <= _MOST_STD * 2 * self.circle.radius / FITTED
-        )
+        """Whether enough of the rim is seen, and agrees."""
+        enough = self.rim >= _SURE_RIM * (1 - self.outside) and self.score >= _SURE_SCORE * (1 - self.outside)
+        return enough and max(self.std) <= _MOST_STD * self.circle.radius / FITTED_RADIUS
 
 
 def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tensor | None = None) -> list[FoundBall]:
     """What may be balls in a photograph, the largest first.
 
     image   (3, H, W)  linear radiance
-    camera  of the whole photograph; None for balls near the axis of any, whose outlines are circles
+    camera  of the whole photograph; None where it is not known: outlines are circles
     usable  (1, H, W)  bool, True = use; None uses all that is finite
-    Edges vote for circles in a plane where outlines are circles; each is fitted to edges across its rim, coarsely and
-    finely, and the best of those that overlap are kept. Background, what the balls reflect, stands and shadows only
-    weaken them. Check `sure`, and see `the_ball`.
+    Edges vote for circles in a plane where outlines are circles. Each is fitted to edges across its rim, coarsely and
+    then finely; of those that overlap the best is kept. Background, reflections, stands and shadows weaken an outline
+    and do not move it. Not all are `sure`.
     """
     pyramid, chart = Pyramid.of(image, usable), chart_of(camera)
     coarsest = pyramid.levels[-1]
     known = coarsest[np.isfinite(coarsest).all(-1)]
     floor = _FLOOR * float(np.median(known)) if known.size else 0.0
-    if floor <= 0:
+    if not 0 < floor < np.inf:
         return []
-    outlines = []
-    for place in seek(pyramid, chart, floor, _CANDIDATES):
-        rough = Outline.near(pyramid, chart, place, wanted=40, reach=0.12, n=96, floor=floor)
-        if rough is not None:
-            rough = Outline.near(pyramid, chart, rough.place, wanted=48, reach=0.06, n=128, floor=floor)
-        if rough is not None:
-            outlines.append(rough)
-    refined = []
-    for rough in _distinct(outlines, _alike)[:_REFINED]:
-        radius = min(rough.place[2], _FINE_RADIUS)
-        fine = Outline.near(
-            pyramid, chart, rough.place, wanted=_FINE_RADIUS, reach=max(0.03, 3 / radius),
-            n=int(min(_RAYS, 2 * pi * radius)), blurs=_BLURS,
-        )  # fmt: skip
-        if fine is not None and fine.share >= _LEAST_SHARE * fine.seen:
-            refined.append(fine)
-    found = []
-    for outline in _distinct(refined, _covered):
-        x, y, radius = outline.place
-        silhouette = chart.silhouette(x, y, radius)
-        std_x, std_y, std_radius = (radius * outline.std).tolist()
-        amplitude, uncertain = (radius * each for each in outline.ellipse)
-        outside = _outside(silhouette, pyramid.size)
-        found.append(
-            FoundBall(silhouette, (std_x, std_y, std_radius), outline.share, outside, outline.score, (amplitude, uncertain))
-        )
+    refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
+    seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
+    found = [_found(outline, chart, pyramid.size) for outline in _distinct(seen, _covered)]
     return sorted(found, key=lambda one: -one.circle.radius)
 
 
-def _distinct(outlines: list[Outline], same) -> list[Outline]:
+def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
+    """From where to refine: the likeliest circles, and the best of all after a rough fit."""
+    places = seek(pyramid, chart, floor, _CANDIDATES)
+    rough = [
+        Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
+        for place in places
+    ]
+    likely = [one.place for one in _distinct([one for one in rough if one is not None], _alike)[:_LIKELY]]
+    return likely + [place for place in places[:_FIRST] if not any(_differ(place, one) < _SAME for one in likely)]
+
+
+def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
+    """The outline near a place; None where there is none."""
+    for reach, blurs in _STAGES:
+        radius = min(place[2], _FINE_RADIUS)
+        n = int(min(_FINE_RAYS, 2 * pi * radius))
+        farthest = max(reach, _LEAST_REACH / radius)
+        outline = Outline.near(pyramid, chart, place, wanted=_FINE_RADIUS, reach=farthest, n=n, blurs=blurs)
+        if outline is None or outline.score < _HOPELESS:
+            return None
+        place = outline.place
+    return outline
+
+
+def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall:
+    """In the photograph."""
+    x, y, radius = outline.place
+    silhouette = chart.silhouette(x, y, radius)
+    std_x, std_y, std_radius = (radius * outline.std).tolist()
+    ellipse = outline.ellipse
+    edge = torch.from_numpy(chart.to_photograph(ellipse.points(_EDGE_POINTS)))
+    return FoundBall(
+        silhouette,
+        (std_x, std_y, std_radius),
+        outline.share,
+        _outside(silhouette, size),
+        outline.score,
+        edge,
+        (radius * ellipse.amplitude, radius * ellipse.std),
+    )
+
+
+def _distinct(outlines: list[Outline], same: Callable[[Place, Place], bool]) -> list[Outline]:
     """The best of those that are the same, best first."""
     kept: list[Outline] = []
     for outline in sorted(outlines, key=lambda one: -one.score):
@@ -129,8 +163,12 @@ def _distinct(outlines: list[Outline], same) -> list[Outline]:
     return kept
 
 
+def _differ(a: Place, b: Place) -> float:
+    return max(abs(p - q) for p, q in zip(a, b, strict=True)) / min(a[2], b[2])
+
+
 def _alike(a: Place, b: Place) -> bool:
-    return max(abs(p - q) for p, q in zip(a, b, strict=True)) < _APART * min(a[2], b[2])
+    return _differ(a, b) < _APART
 
 
 def _covered(a: Place, b: Place) -> bool:
@@ -141,10 +179,10 @@ def _covered(a: Place, b: Place) -> bool:
 
 
 def _outside(silhouette: Circle | Ball, size: tuple[int, int]) -> float:
-    """Share of the disc beyond the photograph's border."""
-    x, y, r = (silhouette.x, silhouette.y, silhouette.radius) if isinstance(silhouette, Circle) else silhouette.circle
+    """Share of a disc beyond the photograph's border."""
+    circle = silhouette if isinstance(silhouette, Circle) else Circle(*silhouette.circle)
     across = torch.linspace(-1, 1, 101)
-    dx, dy = torch.meshgrid(across, across, indexing="xy")
-    disc = dx**2 + dy**2 <= 1
-    px, py = x + r * dx[disc], y + r * dy[disc]
-    return float(((px < 0) | (py < 0) | (px > size[1]) | (py > size[0])).float().mean())
+    x, y = torch.meshgrid(across, across, indexing="xy")
+    disc = x**2 + y**2 <= 1
+    x, y = circle.x + circle.radius * x[disc], circle.y + circle.radius * y[disc]
+    return float(((x < 0) | (y < 0) | (x > size[1]) | (y > size[0])).float().mean())
