@@ -7,7 +7,7 @@ elsewhere: glossy reflection is a blurred panorama, diffuse light nine harmonics
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import asin, cos, degrees, pi, radians, sin, tan
+from math import asin, degrees, pi, radians, sin, tan
 
 import numpy as np
 import torch
@@ -99,7 +99,13 @@ class Surroundings:
     def _textured(self, at: Tensor) -> Tensor:
         """Between 1 - contrast and 1 + contrast."""
         period = at.remainder(1.0) * 2 - 1
-        got = grid_sample(self.pattern[None], period.reshape(1, -1, 1, 2), mode="bilinear", padding_mode="reflection", align_corners=False)
+        got = grid_sample(
+            self.pattern[None],
+            period.reshape(1, -1, 1, 2),
+            mode="bilinear",
+            padding_mode="reflection",
+            align_corners=False,
+        )
         return 1 + self.contrast * got[0, :, :, 0].T.reshape(*at.shape[:-1], 3)
 
 
@@ -115,7 +121,10 @@ def _pattern(rng: np.random.Generator) -> Tensor:
     n, kind = 256, rng.integers(5)
     y, x = np.mgrid[0:n, 0:n] / n
     if kind == 0:
-        total = sum(cv2.resize(rng.normal(size=(2**k, 2**k, 3)), (n, n), interpolation=cv2.INTER_CUBIC) / 1.5**k for k in range(2, 8))
+        total = sum(
+            cv2.resize(rng.normal(size=(2**k, 2**k, 3)), (n, n), interpolation=cv2.INTER_CUBIC) / 1.5**k
+            for k in range(2, 8)
+        )
         pattern = np.tanh(total)
     elif kind in (1, 2):
         pattern = np.zeros((n, n, 3))
@@ -132,7 +141,9 @@ def _pattern(rng: np.random.Generator) -> Tensor:
     return torch.from_numpy(pattern.astype(np.float32)).permute(2, 0, 1).clamp(-1, 1).contiguous()
 
 
-def shade(normals: Tensor, to_camera: Tensor, panoramas: list[Tensor], rng: np.random.Generator, mirror: bool) -> Tensor:
+def shade(
+    normals: Tensor, to_camera: Tensor, panoramas: list[Tensor], rng: np.random.Generator, mirror: bool
+) -> Tensor:
     """(..., 3) radiance of a random material, or of a mirror."""
     cosine = (normals * to_camera).sum(-1, keepdim=True)
     reflected = 2 * cosine * normals - to_camera
@@ -165,7 +176,12 @@ def compose(probe: Tensor, seed: int, size: tuple[int, int] = (480, 720)) -> Com
     around = Surroundings(probe, rng, kind, dark)
     fine_h, fine_w = height * SUPERSAMPLING, width * SUPERSAMPLING
     y, x = torch.meshgrid(torch.arange(fine_h) + 0.5, torch.arange(fine_w) + 0.5, indexing="ij")
-    rays = normalize(torch.stack([(x / SUPERSAMPLING - width / 2) / focal, (height / 2 - y / SUPERSAMPLING) / focal, -torch.ones_like(x)], -1), dim=-1)
+    rays = normalize(
+        torch.stack(
+            [(x / SUPERSAMPLING - width / 2) / focal, (height / 2 - y / SUPERSAMPLING) / focal, -torch.ones_like(x)], -1
+        ),
+        dim=-1,
+    )
     image = around(torch.zeros(3), rays)
     balls: list[tuple[Tensor, float, bool]] = []
     n = int(rng.choice([1, 1, 1, 2, 3]))
@@ -179,12 +195,13 @@ def compose(probe: Tensor, seed: int, size: tuple[int, int] = (480, 720)) -> Com
                 r = min(r, 0.75 * focal * tan(radians(balls[-1][1])))
             r = max(r, 20.0)
             margin = rng.uniform(-0.3, 0.0) * r if cut and not i else 1.06 * r
-            px, py = (float(rng.uniform(margin, side - margin)) if side > 2 * margin else side / 2 for side in (width, height))
+            px, py = (
+                float(rng.uniform(margin, side - margin)) if side > 2 * margin else side / 2 for side in (width, height)
+            )
             d = normalize(torch.tensor([(px - width / 2) / focal, (height / 2 - py) / focal, -1.0]), dim=0)
             alpha = asin(r / np.hypot(focal, np.hypot(px - width / 2, py - height / 2)))
-            if cut and not i:
-                if _share_outside(d, alpha, focal, size) > 0.3:
-                    continue
+            if cut and not i and _share_outside(d, alpha, focal, size) > 0.3:
+                continue
             if all(torch.acos((d @ o).clamp(-1, 1)) > 1.15 * (alpha + radians(a)) for o, a, _ in balls):
                 break
         else:
@@ -210,7 +227,9 @@ def compose(probe: Tensor, seed: int, size: tuple[int, int] = (480, 720)) -> Com
     photo = torch.from_numpy(cv2.GaussianBlur(photo.permute(1, 2, 0).numpy(), (0, 0), sigma)).permute(2, 0, 1)
     e = torch.from_numpy(rng.normal(size=(2, *photo.shape)).astype(np.float32))
     photo = (photo * (1 + 0.01 * e[0]) + 0.002 * photo.clamp_max(10).mean() * e[1]).clamp_min(0)
-    return Composed(photo.contiguous(), fov, balls, f"{kind}{', dark' if dark else ''}{', cut' if cut else ''}, {len(balls)} balls")
+    return Composed(
+        photo.contiguous(), fov, balls, f"{kind}{', dark' if dark else ''}{', cut' if cut else ''}, {len(balls)} balls"
+    )
 
 
 def _share_outside(d: Tensor, alpha: float, focal: float, size: tuple[int, int]) -> float:
@@ -222,7 +241,9 @@ def _share_outside(d: Tensor, alpha: float, focal: float, size: tuple[int, int])
     return float(((x < 0) | (y < 0) | (x > size[1]) | (y > size[0])).mean())
 
 
-def _stand(image: Tensor, rays: Tensor, d: Tensor, alpha: float, focal: float, rng: np.random.Generator, inside: Tensor) -> None:
+def _stand(
+    image: Tensor, rays: Tensor, d: Tensor, alpha: float, focal: float, rng: np.random.Generator, inside: Tensor
+) -> None:
     """A rod from below the ball to the lower border, which hides or meets the lowest part of the rim."""
     x = rays[..., 0] / -rays[..., 2] + float(d[0] / d[2])
     y = rays[..., 1] / -rays[..., 2] + float(d[1] / d[2])

@@ -21,23 +21,23 @@ from torchbrdf.photograph.silhouette import Circle
 FITTED_RADIUS = 32
 """Pixels of the ball's radius in which deviations are told: of a photograph at 64 x 64."""
 
-_CANDIDATES, _FIRST, _LIKELY = 40, 6, 12
+_CANDIDATES, _FIRST, _LIKELY = 32, 4, 10
 _FLOOR = 0.05
 """Of the median radiance: smaller differences are noise."""
 
 _ROUGH_RADIUS, _ROUGH_REACH, _ROUGH_RAYS = 40, 0.12, 96
-_FINE_RADIUS, _FINE_RAYS = 128, 360
-_STAGES: tuple[tuple[float, tuple[float, ...]], ...] = ((0.07, (1.0,)), (0.03, (0.45, 0.6, 0.8, 1.05, 1.4, 1.85)))
+_FINE_RADIUS, _FINE_RAYS = 128, 300
+_STAGES: tuple[tuple[float, tuple[float, ...]], ...] = ((0.07, (0.7, 1.2)), (0.03, (0.45, 0.6, 0.8, 1.05, 1.4, 1.85)))
 """How far the outline may move, in radii, and how blurred it may be, in pixels."""
 
 _LEAST_REACH = 3.0
 _HOPELESS = 0.15
 """Score below which an outline is not refined."""
 
-_SAME, _APART, _COVERED = 0.02, 0.1, 0.5
-"""In radii, how near two starts, and two outlines, are the same; the share of a circle that may lie in a better one."""
+_SAME, _COVERED = 0.03, 0.5
+"""In radii, how near two starts are the same; the share of a circle that may lie in a better one."""
 
-_LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.4, 0.6
+_LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.36, 0.7
 _MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
 """In pixels of FITTED_RADIUS."""
 
@@ -120,7 +120,7 @@ def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
         for place in places
     ]
     likely = [one.place for one in _distinct([one for one in rough if one is not None], _alike)[:_LIKELY]]
-    return likely + [place for place in places[:_FIRST] if not any(_differ(place, one) < _SAME for one in likely)]
+    return likely + [place for place in places[:_FIRST] if not any(_alike(place, one) for one in likely)]
 
 
 def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
@@ -168,7 +168,7 @@ def _differ(a: Place, b: Place) -> float:
 
 
 def _alike(a: Place, b: Place) -> bool:
-    return _differ(a, b) < _APART
+    return _differ(a, b) < _SAME
 
 
 def _covered(a: Place, b: Place) -> bool:
