@@ -130,5 +130,3 @@ def photograph(
 
 
 # Shapes with few normals
-
-

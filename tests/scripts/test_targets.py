@@ -25,7 +25,6 @@ from turns import degrees_between
 SIZE = 10
 
 
-
 @pytest.fixture(scope="module")
 def mitsuba() -> ModuleType:
     try:

@@ -31,6 +31,7 @@ OUTLIER = 8.0
 
 _ROUNDS = 5
 
+
 @dataclass(frozen=True, eq=False)
 class _Solution:
     """Of B photographs: weights (B, n, 3) and class candidates (B, K, n, 3).

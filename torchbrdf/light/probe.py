@@ -42,9 +42,7 @@ class LightProbe:
 
     _reading = ""
 
-    def __init__(
-        self, radiance: Tensor | np.ndarray, *, repair: bool = False, name: str = "light probe"
-    ) -> None:
+    def __init__(self, radiance: Tensor | np.ndarray, *, repair: bool = False, name: str = "light probe") -> None:
         """Check `radiance` and keep a copy of it."""
         if isinstance(radiance, np.ndarray):
             radiance = torch.tensor(radiance)

@@ -107,8 +107,8 @@ class Outline:
     @property
     def place(self) -> Place:
         """The circle."""
-        x, y, radius = self.before
-        return x + radius * self.shift[0], y + radius * self.shift[1], radius * (1 + self.shift[2])
+        (x, y, radius), (right, down, larger) = self.before, self.shift.tolist()
+        return x + radius * right, y + radius * down, radius * (1 + larger)
 
     @cached_property
     def here(self) -> np.ndarray:

@@ -51,7 +51,13 @@ def locate(
             return crop if camera is None else Ball.of_circle(
                 camera, crop.x, crop.y, crop.radius
             ), f"as large as {filled}"
-    ball = the_ball(balls, found, number)
+    if not balls:
+        unknown = (
+            "" if camera is not None else "; off the middle it is an ellipse, for which the camera is needed: --fov"
+        )
+        seen = f"no ball is found for certain; there may be one, {found[0]}" if found else "no ball is found"
+        raise ValueError(f"{seen}{unknown}. To use one, {_INSTEAD}")
+    ball = the_ball(balls, number)
     _check(ball, camera, (height, width))
     place = balls.index(ball) + 1
     deviation = max(ball.std)
@@ -61,20 +67,12 @@ def locate(
     )
 
 
-def the_ball(balls: list[FoundBall], found: list[FoundBall], number: int | None = None) -> FoundBall:
-    """The largest ball, or the one with a number; see `locate`.
-
-    balls  that are sure, the largest first
-    found  those and others
-    """
-    if not balls:
-        if not found:
-            raise ValueError(f"no ball is found in the photograph; {_INSTEAD}")
-        raise ValueError(f"no ball is found for certain; there may be one, {found[0]}: {_INSTEAD}")
+def the_ball(balls: list[FoundBall], number: int | None) -> FoundBall:
+    """The largest of balls, the largest first, or the one with a number."""
     listed = "; ".join(f"{i}: {ball}" for i, ball in enumerate(balls, 1))
     if number is not None:
         if number > len(balls):
-            raise ValueError(f"--ball {number} is not among the balls found, {listed}; {_INSTEAD}")
+            raise ValueError(f"--ball {number} is not among the balls found, {listed}")
         return balls[number - 1]
     if len(balls) > 1 and balls[1].circle.radius > _LIKE_SIZE * balls[0].circle.radius:
         raise ValueError(f"several balls of like size are found, {listed}; say which: --ball N")

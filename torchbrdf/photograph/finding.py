@@ -41,7 +41,7 @@ _LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.36, 0.7
 _MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
 """In pixels of FITTED_RADIUS."""
 
-_CERTAIN = 4
+_CERTAIN = 2.5
 """Standard deviations."""
 
 _EDGE_POINTS = 128
@@ -81,7 +81,7 @@ class FoundBall:
     def round(self) -> bool:
         """Whether it may be the outline of a ball, before the camera that was given."""
         amplitude, std = self.flattened
-        return amplitude < max(_MOST_ELLIPSE * self.circle.radius / FITTED_RADIUS, _CERTAIN * std)
+        return amplitude <= max(_MOST_ELLIPSE * self.circle.radius / FITTED_RADIUS, _CERTAIN * std)
 
     @property
     def sure(self) -> bool:

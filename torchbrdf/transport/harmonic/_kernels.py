@@ -164,9 +164,7 @@ class _Group:
             even, odd = (_reduced(part[..., low:high], v) for part, v in zip(parts / interpolated, mixed, strict=True))
             bands.append(Band(low, even, odd, *((v.T @ basis).float() for v in mixed)))
         mixing = (self.norms[:, None] * (mixtures @ basis)).float()
-        return Kernels(
-            self.zone.index, self.rings.start, len(self.rings), places, first_row, mixing, tuple(bands)
-        )
+        return Kernels(self.zone.index, self.rings.start, len(self.rings), places, first_row, mixing, tuple(bands))
 
     def _bands(self, parts: Tensor, scale: Tensor, mixtures: Tensor) -> list[tuple[int, int]]:
         """Frequencies from and up to; without the highest, if no column needs them."""
@@ -178,9 +176,7 @@ class _Group:
             end -= _TRIM
         return list(pairwise(sorted({min(edge, end) for edge in (*BANDS, end)})))
 
-    def _components(
-        self, part: Tensor, scale: Tensor, mixtures: Tensor, low: int, high: int
-    ) -> tuple[Tensor, Tensor]:
+    def _components(self, part: Tensor, scale: Tensor, mixtures: Tensor, low: int, high: int) -> tuple[Tensor, Tensor]:
         """Sizes (q,) and mixtures (r, q) that a band of real or imaginary parts (r, G, E, M) needs."""
         block = (part[..., low:high] * scale[..., low:high]).flatten(1).double()
         size, vectors = _principal(block @ block.T / pi)
@@ -235,10 +231,9 @@ class _Group:
         line = places // 2 + SUPPORT
         position = samples.delta * (places / (2 * pi))
         by_delta = spline_weights(position)
-        nodes = (
-            ((first - low)[..., None] + torch.arange(SUPPORT))[..., None] * line
-            + (position.floor().long()[..., None] + torch.arange(SUPPORT))[..., None, :]
-        )
+        nodes = ((first - low)[..., None] + torch.arange(SUPPORT))[..., None] * line + (
+            position.floor().long()[..., None] + torch.arange(SUPPORT)
+        )[..., None, :]
         weights = (samples.weights[..., None, None] * by_row[..., None] * by_delta[..., None, :]).float()
         n_nodes = (high - low) * line
         r = values.shape[1]
