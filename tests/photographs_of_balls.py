@@ -15,7 +15,7 @@ _PARTS = 4
 
 def photographed(size: tuple[int, int], balls: Sequence[Circle | Ball], seed: int = 0) -> Tensor:
     """(3, H, W): balls that are bright at the top, each pixel the mean of 16 places in it, with 1 % noise."""
-    height, width = size
+    height, _ = size
     down, right = ((torch.arange(n * _PARTS) + 0.5).double() / _PARTS for n in size)
     places = torch.stack(torch.meshgrid(right, down, indexing="xy"), -1)
     wall = 0.5 + 0.2 * torch.sin(places[..., 0] / 9) * torch.sin((places[..., 0] + places[..., 1]) / 17)

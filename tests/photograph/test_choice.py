@@ -68,7 +68,7 @@ def test_an_ellipse_without_a_camera_or_with_another():
     ball = Ball(PinholeCamera.of_fov(SIZE, 45), (0.26, 0.12, -1.0), 7.5)
     image = photographed(SIZE, [ball])
     with pytest.raises(
-        ValueError, match=r"is an ellipse, .*no camera is known .*: --fov (3|4|5)\d would make it one; or"
+        ValueError, match=r"is an ellipse, .*no camera is known, .*: --fov (3|4|5)\d would make it one; or"
     ):
         locate(image)
     with pytest.raises(

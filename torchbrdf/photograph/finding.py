@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, pi
@@ -36,6 +35,9 @@ _HOPELESS = 0.15
 
 _SAME, _COVERED = 0.03, 0.5
 """In radii, how near two starts are the same; the share of a circle that may lie in a better one."""
+
+_DEEP, _NEARLY_AS_GOOD = 0.8, 0.5
+"""Ratios of radii and of scores: a circle that lies in another is seen in it, and is not before it."""
 
 _LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.36, 0.7
 _MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
@@ -108,7 +110,7 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
         return []
     refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
     seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
-    found = [_found(outline, chart, pyramid.size) for outline in _distinct(seen, _covered)]
+    found = [_found(outline, chart, pyramid.size) for outline in _outermost(seen)]
     return sorted(found, key=lambda one: -one.circle.radius)
 
 
@@ -119,7 +121,7 @@ def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
         Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
         for place in places
     ]
-    likely = [one.place for one in _distinct([one for one in rough if one is not None], _alike)[:_LIKELY]]
+    likely = [one.place for one in _distinct([one for one in rough if one is not None])[:_LIKELY]]
     return likely + [place for place in places[:_FIRST] if not any(_alike(place, one) for one in likely)]
 
 
@@ -154,12 +156,25 @@ def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall:
     )
 
 
-def _distinct(outlines: list[Outline], same: Callable[[Place, Place], bool]) -> list[Outline]:
+def _distinct(outlines: list[Outline]) -> list[Outline]:
     """The best of those that are the same, best first."""
     kept: list[Outline] = []
     for outline in sorted(outlines, key=lambda one: -one.score):
-        if not any(same(outline.place, other.place) for other in kept):
+        if not any(_alike(outline.place, other.place) for other in kept):
             kept.append(outline)
+    return kept
+
+
+def _outermost(outlines: list[Outline]) -> list[Outline]:
+    """The best of those that overlap; but what lies deep in another that is nearly as good is a reflection in it."""
+    kept: list[Outline] = []
+    for outline in sorted(outlines, key=lambda one: -one.score):
+        over = [other for other in kept if _covered(outline.place, other.place)]
+        if all(
+            other.place[2] < _DEEP * outline.place[2] and outline.score > _NEARLY_AS_GOOD * other.score
+            for other in over
+        ):
+            kept = [*(other for other in kept if other not in over), outline]
     return kept
 
 
