@@ -22,7 +22,7 @@ from torchbrdf.estimation import check_observation
 from torchbrdf.estimation.priors import farthest_points, image_angles
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
-from torchbrdf.transport.harmonic import HarmonicBasis, unsuited
+from torchbrdf.transport.harmonic import NEAREST, HarmonicBasis, unsuited
 from torchbrdf.view import Frames, View
 
 EXPECTED = radians(5)
@@ -135,7 +135,7 @@ def align(
     """Find the rotation of the probe under which the library explains a photograph best.
 
     image     (3, H, W) linear radiance, float32 or float64
-    view      of an orthographic camera, without shadows: a `SphereView` or a `NormalMapView`
+    view      as `HarmonicBasis` takes it: a `SphereView`, in perspective too, or a `NormalMapView`
     mask      (1, H, W) bool, True = use; None for all pixels of the view
     search    "near": within about 20 degrees. "full": about the vertical axis +Y by any angle, and near that
     start     (3, 3): the rotation that is believed, and kept where no other is clearly better; None for none
@@ -154,7 +154,7 @@ def align(
         raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
     reason = unsuited(view)
     if reason is not None:
-        raise ValueError(f"align needs an orthographic camera and a shape without shadows: {reason}")
+        raise ValueError(f"align needs a ball from {NEAREST:g} radii on, or normals without shadows: {reason}")
     light = HarmonicBasis(library, probe, view, progress)
     y = y[..., used[0]].to(light.transport.device, torch.float64)
     task = RotationSearch(light, y, used[0], EXPECTED)
