@@ -19,8 +19,6 @@ from sweep_tasks import PATIENCE, dies_at_two, fails_at_two, interrupted_at_two,
 from torchbrdf.sweep import Call, Task, _children_ignore_interrupts, sweep
 
 HERE = str(Path(__file__).resolve().parent)
-
-
 def started(log: Path) -> list[tuple[int, int]]:
     """Seeds and processes of the tasks that were started."""
     if not log.exists():

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The pictures of docs/analytic.md: analytic fits beside the tables, and inverse rendering from two starts.
 
-python scripts/benchmarks/analytic_figures.py --library merl --targets targets --materials MATERIAL [...]
+    python scripts/benchmarks/analytic_figures.py --library merl --targets targets --materials MATERIAL [...]
 """
 
 import argparse

@@ -105,7 +105,9 @@ def interreflections(judge: Judge, probe: tb.LightProbe, view: tb.View) -> tuple
     return reflected, single
 
 
-def checked(materials: Sequence[str], direct: Photographs, full: Photographs, single: Tensor) -> list[tuple[str, ...]]:
+def checked(
+    materials: Sequence[str], direct: Photographs, full: Photographs, single: Tensor
+) -> list[tuple[str, ...]]:
     """For each material: noise of both photographs, and all light of Mitsuba's direct image over that of ours."""
     rows = []
     for i, material in enumerate(materials):

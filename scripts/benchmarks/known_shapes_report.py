@@ -89,7 +89,9 @@ def write_grid(
                 if tile is not None:
                     pixels = (tile.permute(1, 2, 0).clamp(0, 1).numpy() * 255).round().astype(np.uint8)
                     figure.figimage(pixels, left + j * (_TILE + _GAP), y, origin="upper")
-            figure.text(62 / width, (y + _TILE / 2) / height, label, rotation=90, ha="center", va="center", fontsize=8)
+            figure.text(
+                62 / width, (y + _TILE / 2) / height, label, rotation=90, ha="center", va="center", fontsize=8
+            )
         middle = (block_top + y) / 2 / height
         figure.text(22 / width, middle, material, rotation=90, ha="center", va="center", fontsize=10, weight="bold")
         y -= between

@@ -130,3 +130,5 @@ def photograph(
 
 
 # Shapes with few normals
+
+

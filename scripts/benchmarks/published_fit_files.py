@@ -132,7 +132,9 @@ _LOBES = {
     "NganBlinnPhong": PublishedLobe(None, f_r=_blinn_phong),
     "NganLafortune": PublishedLobe(None, f_r=_lafortune),
     "NganHe": PublishedLobe(None, f_r=_he),
-    "LowCookTorrance": PublishedLobe("cook-torrance-dielectric", (("albedo", "specular", 4.0), _ETA, _ROUGHNESS)),
+    "LowCookTorrance": PublishedLobe(
+        "cook-torrance-dielectric", (("albedo", "specular", 4.0), _ETA, _ROUGHNESS)
+    ),
     "LowAshikhminShirley": PublishedLobe(
         "ashikhmin-shirley-dielectric",
         (_SPECULAR, ("fresnelReflectance", "eta", 1.0), ("sharpness", "sharpness", 1.0)),

@@ -47,7 +47,9 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     probes = {"default": LightProbe.default()} | {path.stem: LightProbe.open(path, rows="poles") for path in files}
     for name, probe in probes.items():
-        reference = render_basis(library, probe, view, samples=arguments.reference_samples, seed=REFERENCE_SEED).packed
+        reference = render_basis(
+            library, probe, view, samples=arguments.reference_samples, seed=REFERENCE_SEED
+        ).packed
         for samples, adaptive in [(n, True) for n in arguments.samples] + [(max(arguments.samples), False)]:
             packed, clock, processor = measure(library, probe, view, samples, adaptive, arguments.repeats)
             errors = relative_errors(packed, reference)

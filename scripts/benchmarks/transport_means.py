@@ -51,7 +51,9 @@ def main() -> None:
     print(f"root mean square of ratio / error: {sqrt(float(((all_ratios / all_errors) ** 2).mean())):.2f}")
 
 
-def compare(library: MaterialLibrary, probe: LightProbe, view: View, samples: int) -> tuple[torch.Tensor, torch.Tensor]:
+def compare(
+    library: MaterialLibrary, probe: LightProbe, view: View, samples: int
+) -> tuple[torch.Tensor, torch.Tensor]:
     """(M,) ratios minus 1, and their standard errors."""
     ours = own_colours(render_basis(library, probe, view, samples=16384, seed=1)).sum((1, 2, 3))
     found = [own_colours(render_basis(library, probe, view, "mitsuba", samples, seed)) for seed in (2, 3)]

@@ -305,7 +305,9 @@ class TestFullSearch:
         assert degrees_between(found.rotation, rotation) <= 7.5
         assert found.evaluations >= 24
 
-    def test_finds_the_rotation(self, aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
+    def test_finds_the_rotation(
+        self, aligned: Callable[..., Alignment], photographs: dict[str, Tensor]
+    ) -> None:
         """With a tilt beside it."""
         rotation = turn_about((0, 1, 0), 60) @ turn_about((1, 0, 0.5), 4)
         found = aligned(photographs["brass"], ROOM.rotated(rotation.T), search="full")
@@ -403,7 +405,9 @@ class TestBlur:
         if not columns:
             assert torch.equal(found.rotation, STRAIGHT)
 
-    def test_a_sharp_probe_stays_sharp(self, aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
+    def test_a_sharp_probe_stays_sharp(
+        self, aligned: Callable[..., Alignment], photographs: dict[str, Tensor]
+    ) -> None:
         found = aligned(photographs["paint"], ROOM, blur=True)
         assert found.blur == 0
         assert torch.equal(found.probe.radiance, ROOM.radiance)
@@ -461,7 +465,9 @@ class TestBadInput:
             ({"mask": torch.ones(1, 48, 48)}, r"mask must be bool \(1, 48, 48\).*, got torch.float32 .*"),
         ],
     )
-    def test_photographs(self, aligned: Callable[..., Alignment], change: dict[str, object], message: str) -> None:
+    def test_photographs(
+        self, aligned: Callable[..., Alignment], change: dict[str, object], message: str
+    ) -> None:
         options = {"image": torch.ones(3, 48, 48), **change}
         with pytest.raises(ValueError, match=f"^{message}$") as caught:
             aligned(**options)

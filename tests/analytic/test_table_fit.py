@@ -344,7 +344,9 @@ def test_grey_levels_of_the_darkest_material(ggx: tb.MerlTable):
     """A table of 1e-4 of the light: the cube root's offset must not show."""
     fit = fit_analytic(replace(ggx, values=1e-4 * ggx.values), "ward")
     bright = fit_analytic(ggx, "ward")
-    torch.testing.assert_close(fit.parameters["diffuse"], 1e-4 * bright.parameters["diffuse"], rtol=0.05, atol=1e-7)
+    torch.testing.assert_close(
+        fit.parameters["diffuse"], 1e-4 * bright.parameters["diffuse"], rtol=0.05, atol=1e-7
+    )
 
 
 def test_image_metric_takes_the_best_by_a_rendering(ward: tb.MerlTable):

@@ -133,7 +133,9 @@ def test_parts_of_an_alignment_that_is_not_asked_for(
     assert line == f"torchbrdf: error: {options[0]} is a part of the alignment: give --align, too"
 
 
-def test_images_under_the_probe_as_it_is(capsys: pytest.CaptureFixture[str], tmp_path: Path, photo: Path) -> None:
+def test_images_under_the_probe_as_it_is(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, photo: Path
+) -> None:
     line = assert_fit_fails(capsys, tmp_path, photo, "--align", "--basis", tmp_path / "basis.safetensors")
     text = "--basis holds images under the probe as it is, and --align turns it: leave one of them out"
     assert line == f"torchbrdf: error: {text}"

@@ -431,7 +431,7 @@ def test_a_sheet_with_two_sides(mitsuba, grey):
         ({}, 'ValueError: merl: give either "filename", a MERL .binary file, or "values", a tensor (90, 90, 180, 3)'),
         ({"filename": "absent.binary"}, "absent.binary: no such file; expected a MERL .binary table"),
         ({"filename": "bad.binary"}, "bad.binary: not a MERL table: the header must be (90, 90, 180), got b'hello'"),
-        ({"interpolation": "cubic"}, 'ValueError: merl: interpolation must be "nearest" or "linear", got \'cubic\''),
+        ({"interpolation": "cubic"}, "ValueError: merl: interpolation must be \"nearest\" or \"linear\", got 'cubic'"),
         ({"half_vector_fraction": 1.0}, "ValueError: merl: half_vector_fraction must be in [0, 1), got 1.0"),
         ({"half_vector_fraction": -0.1}, "ValueError: merl: half_vector_fraction must be in [0, 1), got -0.1"),
         ({"half_vector_fraction": float("nan")}, "ValueError: merl: half_vector_fraction must be in [0, 1), got nan"),

@@ -23,7 +23,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*supports 1 material class", "i
 PIECES = ("sheet", "studio", "light", "leave_one_out", "capture", "defects")
 
 script, sheet, studio_module, light_module, loo, capture, defects = (
-    import_module(name) for name in ("paper_figures", *(f"paper.figures.{name}" for name in PIECES))
+    import_module(name)
+    for name in ("paper_figures", *(f"paper.figures.{name}" for name in PIECES))
 )
 
 TILE = 16
@@ -226,7 +227,9 @@ def test_a_material_is_reconstructed_without_itself(studio: "studio_module.Studi
         assert float(residual.square().sum()) == pytest.approx(float(fit.error), rel=1e-3)
 
 
-def drawn(figure: str, studio: "studio_module.Studio", names: Sequence[str]) -> tuple["sheet.Sheet", list[list[str]]]:
+def drawn(
+    figure: str, studio: "studio_module.Studio", names: Sequence[str]
+) -> tuple["sheet.Sheet", list[list[str]]]:
     probes = [lopsided(seed) for seed in range(3)]
     found, numbers = getattr(loo, figure)(studio, probes, names)
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in numbers.split("\n")]
@@ -436,7 +439,9 @@ def test_figure_4_is_drawn_from_photographs_with_each_defect(
     assert all(cell.endswith(" %") for line in lines[2:] for cell in line[1:])
 
 
-def test_defects_are_applied_to_the_photograph(studio: "studio_module.Studio", monkeypatch: pytest.MonkeyPatch) -> None:
+def test_defects_are_applied_to_the_photograph(
+    studio: "studio_module.Studio", monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(defects, "photograph_of", lambda *_: torch.full((3, 20, 20), 0.5))
     subject = defects.Subject(studio, defects.Material("grey_rgb", GREY, "grey"), lopsided(0), lopsided(1))
     brighter = subject.capture(capture.Defects(exposure=1.05))
@@ -490,7 +495,9 @@ def test_an_interrupted_command_goes_on_where_it_stopped(
     assert {path: path.read_bytes() for path in out.glob("paper_figure_*")} == files
 
 
-def test_bad_input_is_one_line(inputs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line(
+    inputs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "measured").mkdir()
     (tmp_path / "measured" / "felt.bsdf").write_text("")

@@ -81,7 +81,9 @@ def capture(methods: ModuleType, tiny_library: tb.MaterialLibrary, lit):
     for name in NAMES:
         position = tiny_library.position(name)
         kept = torch.arange(tiny_library.n) // 3 != position
-        left_out.append(methods.LeftOut(name, position, methods.partition(tiny_library.without(name), shiny[kept], 2)))
+        left_out.append(
+            methods.LeftOut(name, position, methods.partition(tiny_library.without(name), shiny[kept], 2))
+        )
     clean = torch.stack([lit.basis.pack(lit.basis.image(name)).double() for name in NAMES])
     grain = 1 + 0.1 * torch.rand(len(NAMES), 2, *clean.shape[1:], generator=torch.Generator().manual_seed(1)).double()
     return methods.Capture(None, None, lit, clean[:, None] * grain, left_out)

@@ -25,6 +25,7 @@ from turns import degrees_between
 SIZE = 10
 
 
+
 @pytest.fixture(scope="module")
 def mitsuba() -> ModuleType:
     try:

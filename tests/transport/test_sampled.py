@@ -51,7 +51,9 @@ class TestClosedForms:
 
     @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.48, -0.6, 0.64)])
     @pytest.mark.parametrize(("degree", "factor"), [(0, pi), (1, 2 * pi / 3), (2, pi / 4), (3, 0.0)])
-    def test_zonal_harmonics(self, white: MerlTable, axis: tuple[float, ...], degree: int, factor: float) -> None:
+    def test_zonal_harmonics(
+        self, white: MerlTable, axis: tuple[float, ...], degree: int, factor: float
+    ) -> None:
         """[RH01]: under 1 + P_l / 2 a Lambertian sphere receives pi + A_l P_l / 2."""
         legendre = [lambda x: x**0, lambda x: x, lambda x: 1.5 * x**2 - 0.5, lambda x: 2.5 * x**3 - 1.5 * x][degree]
         probe = probe_of(lambda d: 1 + legendre(d @ torch.tensor(axis)) / 2)

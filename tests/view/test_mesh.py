@@ -106,10 +106,7 @@ def test_an_obj_file_of_several_groups(tmp_path, normals):
     mesh, messages = opened(written(tmp_path, "groups.obj", text))
     assert len(mesh.faces) == 2
     assert {tuple(corner) for corner in mesh.vertices[mesh.faces].reshape(-1, 3).tolist()} == {
-        (0, 0, 0),
-        (1, 0, 0),
-        (0, 1, 0),
-        (1, 1, 0),
+        (0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)
     }
     expected = [0.6, 0, 0.8] if normals else [0, 0, 1]
     used = mesh.normals[np.unique(mesh.faces)]

@@ -117,7 +117,7 @@ def test_line_ends_of_the_header(file_format, line_end):
 def test_truncated_files_are_named(file_format, rows, lost):
     content = ply(file_format, [vertex(), face(rows)])
     with pytest.raises(ValueError, match="has fewer; is it truncated"):
-        read_ply(content.rstrip()[: -lost - 2])
+        read_ply(content.rstrip()[:-lost - 2])
 
 
 @pytest.mark.parametrize(

@@ -49,3 +49,5 @@ def v_groove_visibility(geometry: ShadingGeometry) -> Tensor:
     cos_i, cos_o = geometry.cos_i, geometry.cos_o
     grooves = geometry.cos_h / (2 * geometry.cos_d.clamp_min(LEAST_COSINE) * torch.maximum(cos_i, cos_o))
     return torch.minimum(1 / (4 * cos_i * cos_o), grooves)
+
+

@@ -55,7 +55,9 @@ class AnalyticModel:
     @property
     def defaults(self) -> dict[str, Tensor]:
         """The usual start: each parameter's default, (1,) or (3,) float64."""
-        return {p.name: torch.full((3 if p.colour else 1,), p.default, dtype=torch.float64) for p in self.parameters}
+        return {
+            p.name: torch.full((3 if p.colour else 1,), p.default, dtype=torch.float64) for p in self.parameters
+        }
 
     def evaluate(self, parameters: Parameters, geometry: ShadingGeometry) -> Tensor:
         """f_r (*batch, N, 3) in 1/sr of N pairs of directions, 0 where one lies below the horizon.

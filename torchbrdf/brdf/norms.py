@@ -42,7 +42,7 @@ def column_norms(stored: StoredColumns) -> Tensor:
     power, brightness = torch.zeros(n, dtype=torch.float64), torch.zeros(_RINGS, n, dtype=torch.float64)
     for cells in torch.nonzero(white).ravel().split(_ROWS_AT_ONCE):
         rows = stored.columns[cells].float() * stored.scale.float()
-        power += rows.square().T.double() @ white[cells]
+        power += (rows.square().T.double() @ white[cells])
         brightness += (uniform[:, cells] @ rows).double()
     lambert = torch.stack([white.sum().sqrt(), uniform.sum(1).double().norm()]) / pi
     ratios = torch.stack([power.sqrt(), brightness.norm(dim=0)]) / lambert[:, None]

@@ -170,7 +170,9 @@ class _WorkingRows:
     at, and the worst join the pool, which never shrinks: the objective rises with every look at all, so this ends.
     """
 
-    def __init__(self, bounds: EnergyBounds, mean: Tensor, precision: Tensor, factor: Tensor, group: Tensor) -> None:
+    def __init__(
+        self, bounds: EnergyBounds, mean: Tensor, precision: Tensor, factor: Tensor, group: Tensor
+    ) -> None:
         self.bounds, self.mean, self.group = bounds, mean, group
         self.precision, self.factor = precision, factor
         self.albedo = -bounds.albedo.to(mean.device)

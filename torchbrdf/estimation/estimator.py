@@ -31,7 +31,6 @@ OUTLIER = 8.0
 
 _ROUNDS = 5
 
-
 @dataclass(frozen=True, eq=False)
 class _Solution:
     """Of B photographs: weights (B, n, 3) and class candidates (B, K, n, 3).

@@ -14,7 +14,6 @@ from torchbrdf.images import read_image, read_metadata
 
 FORMAT = "torchbrdf target 1"
 
-
 @dataclass(frozen=True, eq=False)
 class Target:
     """A sphere of a material under a probe, orthographic.
@@ -79,3 +78,5 @@ def read_targets(folder: Path) -> list[Target]:
     if len(sizes) > 1:
         raise ValueError(f"{folder}: targets must have one size, got {sizes}; make each size in a folder of its own")
     return targets
+
+

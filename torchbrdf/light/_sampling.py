@@ -62,12 +62,7 @@ class ImportanceTables:
         steps = (torch.arange(width, dtype=torch.float64, device=device) / width).expand(height - 1, width)
         column_guide = torch.searchsorted(column_edges, steps.contiguous(), right=True) - 1
         return ImportanceTables(
-            height,
-            width,
-            corners.reshape(-1, 4).float(),
-            row_edges,
-            column_edges.reshape(-1),
-            row_guide,
+            height, width, corners.reshape(-1, 4).float(), row_edges, column_edges.reshape(-1), row_guide,
             column_guide.reshape(-1),
         )
 

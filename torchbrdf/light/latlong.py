@@ -228,7 +228,9 @@ def _one_value_at_the_poles(radiance: Tensor) -> Tensor:
     return torch.cat([first, middle, last], dim=1)
 
 
-def _footprint_matrix(new: int, old: int, first: Tensor, second: Tensor, fraction: Tensor, weights: Tensor) -> Tensor:
+def _footprint_matrix(
+    new: int, old: int, first: Tensor, second: Tensor, fraction: Tensor, weights: Tensor
+) -> Tensor:
     """(new, old): weighted means of linear interpolations between old samples; as many for each new one."""
     target = torch.arange(new).repeat_interleave(len(first) // new)
     matrix = torch.zeros(new, old, dtype=torch.float64)

@@ -27,8 +27,6 @@ def checked_rotation(rotation: Tensor | np.ndarray) -> Tensor:
     error = float((matrix @ matrix.t() - torch.eye(3, dtype=torch.float64)).abs().max())
     determinant = float(torch.linalg.det(matrix))
     if not (error < 1e-4 and determinant > 0):
-        raise ValueError(
-            "rotation must be orthonormal with determinant +1, got determinant "
-            f"{determinant:.4g} and |R R^T - 1| up to {error:.2g}"
-        )
+        raise ValueError("rotation must be orthonormal with determinant +1, got determinant "
+                         f"{determinant:.4g} and |R R^T - 1| up to {error:.2g}")
     return matrix

@@ -200,7 +200,9 @@ def _draw(
     return directions.reshape(k, -1, 3), density.reshape(k, -1)
 
 
-def _find(cumulative: Callable[[Tensor], Tensor], low: Tensor, high: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+def _find(
+    cumulative: Callable[[Tensor], Tensor], low: Tensor, high: Tensor, u: Tensor
+) -> tuple[Tensor, Tensor]:
     """The step (N,) of [low, high) in which the share u of a cumulative function falls, and the rest of u there."""
     begin, end = cumulative(low), cumulative(high)
     target = begin + u * (end - begin)

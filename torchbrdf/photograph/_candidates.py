@@ -1,4 +1,4 @@
-"""Where balls may be: edges vote for the middles of circles of all sizes [Duda and Hart 1972; Kimme et al. 1975]."""
+"""Where balls may be: edges vote for the middles of circles of all sizes [DH72]."""
 
 from __future__ import annotations
 

@@ -11,7 +11,9 @@ from torchbrdf.transport import DEFAULT_SAMPLES, render_columns
 from torchbrdf.view import View
 
 
-def render(table: MerlTable, probe: LightProbe, view: View, samples: int = DEFAULT_SAMPLES, seed: int = 0) -> Tensor:
+def render(
+    table: MerlTable, probe: LightProbe, view: View, samples: int = DEFAULT_SAMPLES, seed: int = 0
+) -> Tensor:
     """Radiance (3, H, W) of a view whose material is `table`, 0 outside the mask.
 
     Runs on the device of the probe, as `render_basis` does but in float32.

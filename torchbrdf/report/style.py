@@ -1,5 +1,6 @@
 """The style sheets of the pages."""
 
+
 STYLE = """
 :root { --ink: #1d1d1b; --soft: #66645f; --line: #dcd9d2; --grey: #757575; }
 * { box-sizing: border-box; }

@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 EXPECTED = (
-    "expected unit normals with X right, Y up and Z towards the camera, from -1 to 1 (.exr), or n/2 + 1/2 from 0 to 1"
+    "expected unit normals with X right, Y up and Z towards the camera, from -1 to 1 (.exr), "
+    "or n/2 + 1/2 from 0 to 1"
 )
 
 _NEAR = 0.05

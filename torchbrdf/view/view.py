@@ -122,3 +122,5 @@ class View(ABC):
     def unpack(self, packed: Tensor) -> Tensor:
         """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
         return unpack(packed, self.mask)
+
+

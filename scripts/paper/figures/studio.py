@@ -163,7 +163,9 @@ class Studio:
             values = torch.zeros(*GRID, 3)
             values[:, low:high] = one
             table = tb.MerlTable(values, above_horizon(), "combination")
-            images.append(tb.render_directional(table, self.shown, angle_deg, irradiance=pi, subpixels=_SUBPIXELS))
+            images.append(
+                tb.render_directional(table, self.shown, angle_deg, irradiance=pi, subpixels=_SUBPIXELS)
+            )
         return images
 
     def facts(self, **others: object) -> dict[str, object]:

@@ -19,6 +19,7 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
+
 def smooth_problem(c: int, n: int, decade: float, seed: int = 0, groups: int = 3) -> tuple[Tensor, Tensor, Tensor]:
     """Means (n, c), precisions (groups, c, c) of condition near 10^decade, and the groups.
 

@@ -49,7 +49,9 @@ def harmonic(library: MaterialLibrary, probe: LightProbe, view: View = SPHERE) -
     return render_basis(library, probe, view, backend="harmonic")
 
 
-def sampled(library: MaterialLibrary, probe: LightProbe, view: View = SPHERE, samples: int = 8192) -> BasisImages:
+def sampled(
+    library: MaterialLibrary, probe: LightProbe, view: View = SPHERE, samples: int = 8192
+) -> BasisImages:
     return render_basis(library, probe, view, backend="sampled", samples=samples)
 
 

@@ -169,7 +169,9 @@ torch.save(render_basis(library, probe, SphereView(12)).packed, sys.argv[1])
         assert one in kept()
         assert len(kept()) == 2
 
-    def test_another_grid_gets_another_file(self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_another_grid_gets_another_file(
+        self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         transport_of(library)
         monkeypatch.setattr("torchbrdf.transport.harmonic._kernels.TOLERANCE", 0.1)
         assert not is_precomputed(library)

@@ -13,7 +13,9 @@ DIELECTRIC_F0 = 0.04
 """F at normal incidence of what is no metal."""
 
 
-def metallic_roughness(geometry: ShadingGeometry, base_color: Tensor, metallic: Tensor, roughness: Tensor) -> Tensor:
+def metallic_roughness(
+    geometry: ShadingGeometry, base_color: Tensor, metallic: Tensor, roughness: Tensor
+) -> Tensor:
     """f_r = (1 - F) c_diff / pi + F D G / (4 cos theta_i cos theta_o), with GGX, separable Smith and Schlick's F.
 
     c_diff = (1 - metallic) base_color,  F0 = (1 - metallic) 0.04 + metallic base_color,  alpha = roughness^2

@@ -103,7 +103,9 @@ def read_headers(path: Path) -> list[dict[str, Any]]:
         raise unreadable(path, KIND) from None
 
 
-def _chosen(path: Path, headers: Sequence[Mapping[str, Any]], label: str | None, vectors: bool, option: str) -> _Layer:
+def _chosen(
+    path: Path, headers: Sequence[Mapping[str, Any]], label: str | None, vectors: bool, option: str
+) -> _Layer:
     flat = [i for i, header in enumerate(headers) if "deep" not in str(header.get("type"))]
     if not flat:
         raise ValueError(f"{path}: is a deep image, many samples in each pixel; flatten it where it was made")

@@ -96,10 +96,8 @@ class HarmonicTransport:
                 continue
             mixes = None if blend is None else group.mixes(blend)
             rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes))
-            yield (
-                group,
-                seen.pixels,
-                embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights),
+            yield group, seen.pixels, embedding_bag(
+                seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights
             )
 
     def _in_place(self, image: Tensor, view: View) -> Tensor:
