@@ -16,6 +16,7 @@ from torch import Tensor
 
 from torchbrdf.alignment._search import RotationSearch, Summit, Trial
 from torchbrdf.alignment.exposure import Exposure, exposure_of
+from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation import check_observation
@@ -62,7 +63,7 @@ class Alignment:
 
     rotation      (3, 3) float64: radiance that came from d now comes from R d. That of the start where no other is
                   clearly better: see log_odds
-    source        the probe as it was given, blurred where that was found
+    source        the probe as it was given, its lamps brightened and all of it blurred where that was found
     basis         basis images under `probe`, for `BRDFEstimator`: made by turning directions, sharper than from `probe`
     covariance    (3, 3) float64, radians^2, of a further turn about +X, +Y and +Z: what the photograph leaves open, and
                   the turn that it would prefer where that is not clearly better
@@ -71,6 +72,7 @@ class Alignment:
     exposure      what the photograph has to be divided by; None unless asked for
     converged     whether the search ended by itself
     evaluations   how many rotations were looked at
+    lamp          what was found of lamps at which the probe may be clipped, see `LightProbe.lamps`; None without
     """
 
     rotation: Tensor
@@ -82,6 +84,7 @@ class Alignment:
     exposure: Exposure | None
     converged: bool
     evaluations: int
+    lamp: LampRadiance | None = None
 
     @cached_property
     def probe(self) -> LightProbe:
@@ -115,7 +118,8 @@ class Alignment:
         warning = "" if self.confident else ", more than this photograph can tell for sure"
         blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
         exposed = f"; {self.exposure}" if self.exposure else ""
-        return f"light probe {what}{blurred} ({certainty}{warning}){exposed}"
+        lit = f"; {self.lamp}" if self.lamp else ""
+        return f"light probe {what}{blurred} ({certainty}{warning}){lit}{exposed}"
 
 
 def align(
@@ -159,11 +163,14 @@ def align(
     y = y[..., used[0]].to(light.transport.device, torch.float64)
     task = RotationSearch(light, y, used[0], EXPECTED)
     believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
-    starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
-    summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
-    log_odds = summit.log_evidence - believed.log_evidence - log(_TURNS if search == "full" else 1)
+    lamp = first_guess(task, believed)
+    if lamp is None:
+        summit, best, log_odds = _climbed(task, believed, search)
+    else:
+        task, lamp, (summit, best, log_odds) = with_lamp(
+            task, believed, lamp, lambda task, believed: _climbed(task, believed, search)
+        )
     turned = log_odds > CLEAR
-    best = summit.trial if turned else believed
     sigma = 0.0
     if blur:
         best, sigma, summit = _blurred(task, best, summit, turned)
@@ -172,7 +179,7 @@ def align(
         away = torch.zeros(3, dtype=torch.float64)
     return Alignment(
         rotation=best.rotation,
-        source=probe.blurred(sigma),
+        source=task.light.probe.blurred(sigma),
         basis=best.basis,
         covariance=torch.linalg.inv(summit.precision) + torch.outer(away, away),
         log_odds=log_odds,
@@ -180,7 +187,16 @@ def align(
         exposure=exposure_of(y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
         converged=summit.converged,
         evaluations=task.evaluations,
+        lamp=lamp,
     )
+
+
+def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
+    """The best summit; the trial there, or the one that is believed where it is not clearly better; the log odds."""
+    starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
+    summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
+    log_odds = summit.log_evidence - believed.log_evidence - log(_TURNS if search == "full" else 1)
+    return summit, summit.trial if log_odds > CLEAR else believed, log_odds
 
 
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:

@@ -21,7 +21,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     add_estimation(parser)
     group = parser.add_argument_group("alignment of the light probe with the photograph")
-    group.add_argument("--align", action="store_true", help="find the rotation of the probe")
+    text = "find the rotation of the probe, and the radiance of lamps at which it is clipped"
+    group.add_argument("--align", action="store_true", help=text)
     text = "near: within about 20 degrees (default); full: also any turn about the vertical axis"
     group.add_argument("--search", choices=get_args(Range), help=text)
     group.add_argument("--blur", action="store_true", help="find a blur of the probe, too")
@@ -60,8 +61,11 @@ def run(options: argparse.Namespace) -> int:
             "colours": f"linear {options.primaries}",
         }
         written = "brdf.binary, weights.json, fitted.exr and report.html"
-        if options.align:
+        if not options.align:
+            _alignment.warn_of_lamps(probe, None)
+        else:
             found = _alignment.aligned(options, observation, probe, view, library)
+            _alignment.warn_of_lamps(probe, found)
             observation, probe = _alignment.divided(observation, found), found.probe
             basis = _alignment.basis_of(found)
             _alignment.write(folder, found, options.primaries)

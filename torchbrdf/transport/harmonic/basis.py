@@ -36,7 +36,7 @@ class HarmonicBasis:
         reason = unsuited(view)
         if reason is not None:
             raise ValueError(f'backend="harmonic" cannot render this view: {reason}; use backend="sampled"')
-        self.library, self.probe, self.view = library, probe, view
+        self.library, self.probe, self.view, self.lines = library, probe, view, lines
         self.transport = transport_of(library, progress, in_perspective(view))
         self._facing, self._frame = facing(view)
         self._light = TurningLight(probe.to(self.transport.device), lines)
