@@ -181,7 +181,9 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ball", type=whole_number(1), metavar="N", help=text)
     parser.add_argument("--layer", metavar="NAME", help="of a photograph that holds several pictures")
     add_library(parser)
-    parser.add_argument("--penalty", type=penalty, default=DEFAULT_PENALTY, metavar="auto|paper|X", help=_PENALTY_HELP)
+    parser.add_argument(
+        "--penalty", type=penalty, default=DEFAULT_PENALTY, metavar="auto|paper|X", help=_PENALTY_HELP
+    )
     parser.add_argument("--constraint", choices=CONSTRAINTS, help=_CONSTRAINT_HELP + "; default: none")
     parser.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
     add_size(parser, None, "resample to N x N pixels; default: its own, at most 128")

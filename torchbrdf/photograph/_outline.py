@@ -12,6 +12,12 @@ from torchbrdf.photograph._charts import Chart
 from torchbrdf.photograph._pyramid import Pyramid
 from torchbrdf.photograph._rim import Rays
 
+_LEAST_RADIUS = 3.0
+"""Pixels below which nothing is a ball."""
+
+_BESIDE = 6.0
+"""Pixels that are looked at beyond the farthest outline."""
+
 _OFFSETS = 57
 _GRID = 9
 _SOONER = 4
@@ -86,7 +92,9 @@ class Outline:
 
         blurs  to choose the likeliest from, in pixels
         """
-        margin = 6 / min(place[2], wanted)
+        if place[2] < _LEAST_RADIUS:
+            return None
+        margin = _BESIDE / min(place[2], wanted)
         rays = Rays.across(pyramid, chart, place, wanted, reach + margin, n, floor)
         if len(rays.angles) < _LEAST_SEEN * n:
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from math import hypot
 
 import torch
 from torch import Tensor
@@ -46,7 +47,7 @@ def locate(
     if number is None and abs(whole.width - whole.height) < SNAP:
         crop = Circle.inscribed(whole)
         if not balls or balls[0].circle.differs(crop) < SNAP or balls[0].circle.radius > crop.radius:
-            _doubt([ball for ball in found if ball.circle.differs(crop) >= SNAP])
+            _doubt([ball for ball in found if _sticks_out(ball.circle, crop)])
             filled = "the photograph" if window is None else "what was recorded"
             return crop if camera is None else Ball.of_circle(
                 camera, crop.x, crop.y, crop.radius
@@ -77,6 +78,11 @@ def the_ball(balls: list[FoundBall], number: int | None) -> FoundBall:
     if len(balls) > 1 and balls[1].circle.radius > _LIKE_SIZE * balls[0].circle.radius:
         raise ValueError(f"several balls of like size are found, {listed}; say which: --ball N")
     return balls[0]
+
+
+def _sticks_out(circle: Circle, crop: Circle) -> bool:
+    """Whether a circle is no reflection in a ball that fills a crop."""
+    return hypot(circle.x - crop.x, circle.y - crop.y) + circle.radius > crop.radius + SNAP
 
 
 def _doubt(others: list[FoundBall]) -> None:
