@@ -40,7 +40,7 @@ class PhotographChart:
 
     def silhouette(self, x: float, y: float, radius: float) -> Circle | Ball:
         """The circle."""
-        return Circle(x, y, radius)
+        return Circle(float(x), float(y), float(radius))
 
 
 class StereographicChart:

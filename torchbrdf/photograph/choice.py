@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from math import hypot
 
 import torch
 from torch import Tensor
@@ -17,6 +16,7 @@ _LIKE_SIZE = 0.9
 """From this ratio of radii on the larger is not meant by its size."""
 
 _MOST_OUTSIDE = 1 / 3
+_CLEAR_RIM, _CLEAR_SCORE = 0.55, 1.0
 _FOVS = torch.linspace(4, 140, 273).tolist()
 _WELL = 0.5
 """Of the deviation from a ball that may be left where another field of view explains it."""
@@ -41,17 +41,18 @@ def locate(
     which more than a third is cut off, and for an outline that no sphere has before the camera.
     """
     height, width = image.shape[-2:]
-    whole = Window(0, 0, width, height) if window is None else window
     found = find_balls(image, camera, usable)
     balls = [ball for ball in found if ball.sure]
-    if number is None and abs(whole.width - whole.height) < SNAP:
-        crop = Circle.inscribed(whole)
-        if not balls or balls[0].circle.differs(crop) < SNAP or balls[0].circle.radius > crop.radius:
-            _doubt([ball for ball in found if _sticks_out(ball.circle, crop)])
-            filled = "the photograph" if window is None else "what was recorded"
-            return crop if camera is None else Ball.of_circle(
-                camera, crop.x, crop.y, crop.radius
-            ), f"as large as {filled}"
+    parts = {"the photograph": Window(0, 0, width, height)} | ({"what was recorded": window} if window else {})
+    square = {what: part for what, part in parts.items() if abs(part.width - part.height) < SNAP}
+    if number is None and square:
+        what, part = square.popitem()
+        crop = Circle.inscribed(part)
+        others = [ball for ball in balls if ball.circle.differs(crop) >= SNAP]
+        if not any(_beyond_doubt(ball) for ball in others):
+            _doubt(others)
+            filling = crop if camera is None else Ball.of_circle(camera, crop.x, crop.y, crop.radius)
+            return filling, f"as large as {what}"
     if not balls:
         unknown = (
             "" if camera is not None else "; off the middle it is an ellipse, for which the camera is needed: --fov"
@@ -80,9 +81,9 @@ def the_ball(balls: list[FoundBall], number: int | None) -> FoundBall:
     return balls[0]
 
 
-def _sticks_out(circle: Circle, crop: Circle) -> bool:
-    """Whether a circle is no reflection in a ball that fills a crop."""
-    return hypot(circle.x - crop.x, circle.y - crop.y) + circle.radius > crop.radius + SNAP
+def _beyond_doubt(ball: FoundBall) -> bool:
+    """Whether a circle is hardly a reflection in a ball that fills a crop."""
+    return ball.rim >= _CLEAR_RIM * (1 - ball.outside) and ball.score >= _CLEAR_SCORE
 
 
 def _doubt(others: list[FoundBall]) -> None:
