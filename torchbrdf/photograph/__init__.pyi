@@ -1,3 +1,5 @@
+from .choice import locate as locate
+from .finding import find_balls as find_balls
 from .observation import (
     LARGEST_DEFAULT_SIZE as LARGEST_DEFAULT_SIZE,
     Observation as Observation,
