@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Claim: a new probe costs 0.1 s with the precomputed transport, at errors of 0.5 %, on 2 cores.
 
-    python scripts/benchmarks/harmonic.py [--library DIR] [--repeats 9]
+    python scripts/benchmarks/harmonic.py [--library DIR] [--repeats 9] [--tables perspective]
 
 Compares all basis images of a sphere of 64 x 64 pixels, 300 x RGB, with converged runs of the sampled transport (two
 seeds of `--reference-samples` each, which nothing else uses; how far they are apart tells the reference's own error).
@@ -10,11 +10,13 @@ Prints, each as a Markdown table:
   beside the sampled transport with its default number of samples and with fewer;
 - seconds from a new probe to the reconstruction of one photograph, factors included;
 - what each way of skipping work gains: pixels, classes, frequencies; low rank; a part of zero;
-- a normal map seen by an orthographic camera.
+- a normal map seen by an orthographic camera;
+- errors and seconds for balls in perspective, beside those of the orthographic view.
 Seconds are medians by the clock, after a warm-up; the sampled transport's, of three.
 """
 
 import argparse
+import math
 import statistics
 import time
 import warnings
@@ -29,12 +31,16 @@ from torchbrdf.command_line import Parser
 from torchbrdf.experiments import SHARED
 from torchbrdf.rendering import render_basis
 from torchbrdf.transport import DEFAULT_SAMPLES
-from torchbrdf.transport.harmonic import transport_of, zones
+from torchbrdf.transport.harmonic import HarmonicBasis, transport_of, zones
 from torchbrdf.view import View
 from transport import open_probe
 
 PROBES = ("default", "grace.hdr", "ennis.hdr", "uffizi.hdr", "forest.exr")
 SAMPLES = (256, 1024, DEFAULT_SAMPLES)
+DISTANCES = (math.inf, 30.0, 15.0, 12.0, 8.0, 6.0)
+"""Of a camera from the middle of a ball, in radii."""
+
+TABLES = ("errors", "reconstruction", "levers", "normal-maps", "perspective")
 
 
 def main() -> None:
@@ -44,25 +50,37 @@ def main() -> None:
     parser.add_argument("--probes", nargs="+", default=PROBES, help="default or a file of the shared probes")
     parser.add_argument("--reference-samples", type=int, default=32768)
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--tables", nargs="+", choices=TABLES, default=TABLES)
+    parser.add_argument("--every", type=int, default=1, help="of so many materials only the first")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # negative texels, meshes without normals
 
     library = MaterialLibrary.from_merl(options.library) if options.library else MaterialLibrary.default()
+    library = library.subset(library.names[:: options.every])
     start = time.perf_counter()
-    transport = transport_of(library, progress=True)
+    transport = transport_of(library, progress=True, perspective="perspective" in options.tables)
     opened = time.perf_counter() - start
-    floats = sum(band.even.numel() + band.odd.numel() for group in transport.groups for band in group.bands)
+    sizes = [
+        4e-6 * sum(band.even.numel() + band.odd.numel() for group in groups for band in group.bands)
+        for groups in (transport.groups, transport.added)
+    ]
     print(f"{library!r}, {torch.get_num_threads()} threads; transport opened or built in {opened:.1f} s, "
-          f"{4e-6 * floats:.0f} MB")  # fmt: skip
+          f"{sizes[0]:.0f} MB and {sizes[1]:.0f} MB for perspective")  # fmt: skip
     probes = {Path(name).stem: open_probe(name) for name in options.probes}
     view = SphereView(64)
     start = time.perf_counter()
     transport.lookup(view)
     print(f"lookup of a view, once: {time.perf_counter() - start:.2f} s\n")
-    print_errors(library, probes, view, options)
-    print_reconstruction(library, probes, view, options.repeats)
-    print_levers(library, probes["ennis" if "ennis" in probes else next(iter(probes))], view, options.repeats)
-    print_normal_maps(library, probes, options.reference_samples)
+    if "errors" in options.tables:
+        print_errors(library, probes, view, options)
+    if "reconstruction" in options.tables:
+        print_reconstruction(library, probes, view, options.repeats)
+    if "levers" in options.tables:
+        print_levers(library, probes["ennis" if "ennis" in probes else next(iter(probes))], view, options.repeats)
+    if "normal-maps" in options.tables:
+        print_normal_maps(library, probes, options.reference_samples)
+    if "perspective" in options.tables:
+        print_perspective(library, probes, options)
 
 
 def print_errors(
@@ -178,6 +196,25 @@ def print_normal_maps(library: MaterialLibrary, probes: dict[str, LightProbe], s
                 found = render_basis(library, probes[name], view, "harmonic").packed
                 print(f"| {shape}, {name} | {summary(errors_of(found, reference))} |")
                 print(f"| the reference's own error | {summary(own)} |", flush=True)
+
+
+def print_perspective(library: MaterialLibrary, probes: dict[str, LightProbe], options: argparse.Namespace) -> None:
+    """Balls from nearer and nearer; what it would cost to take them for orthographic."""
+    print("\n| probe | radii away | seconds | median | 95 % within | worst | as if orthographic, median |")
+    print("|---|---:|---:|---:|---:|---:|---:|")
+    for name, probe in probes.items():
+        orthographic = HarmonicBasis(library, probe, SphereView(64)).basis_at().packed
+        for distance in DISTANCES:
+            fov_deg = None if math.isinf(distance) else 2 * math.degrees(math.asin(1 / distance))
+            view = SphereView(64, fov_deg)
+            reference, _ = reference_of(library, probe, view, options.reference_samples)
+
+            def harmonic(probe: LightProbe = probe, view: View = view) -> Tensor:
+                return render_basis(library, LightProbe(probe.radiance), view, "harmonic").packed
+
+            seconds, errors = median_seconds(harmonic, options.repeats), errors_of(harmonic(), reference)
+            ignored = errors_of(orthographic, reference).median()
+            print(f"| {name} | {distance:g} | {seconds:.3f} | {summary(errors)} | {ignored:.1%} |", flush=True)
 
 
 if __name__ == "__main__":

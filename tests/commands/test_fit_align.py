@@ -158,7 +158,7 @@ def test_perspective(
     """One line that names the view, nothing about backends, which `fit` does not have; no output."""
     library = ["--library", precomputed_directory]
     line = assert_fit_fails(capsys, tmp_path, photo, "--align", "--fov", "40", *library)
-    assert "is not orthographic along -Z" in line
+    assert "radii from the ball's middle, nearer than" in line
     assert "backend" not in line
 
 

@@ -9,8 +9,10 @@ from torch import Tensor
 
 import torchbrdf as tb
 from discs import disc
+from photographs_of_balls import photographed
 from picture_files import window, write_exr
 from torchbrdf.cli import main
+from torchbrdf.photograph import Circle
 
 SIZE = 16
 
@@ -103,13 +105,32 @@ def test_strict_makes_a_status_of_warnings(fit, photo, reports):
 
 
 @pytest.mark.usefixtures("reports")
-def test_a_guess_of_the_silhouette_is_a_warning(fit, photo):
-    status, _, errors = fit(photo, "--strict")
-    assert status == 3
-    assert "no mask: the ball is taken to fill the middle of the 60 x 75 photograph" in errors[0]
+def test_without_a_mask_the_ball_is_found(fit, tmp_path):
+    tb.write_image(tmp_path / "whole.exr", photographed((100, 150), [Circle(60.2, 45.1, 30.3), Circle(120, 70, 20)]))
+    status, lines, errors = fit(tmp_path / "whole.exr", "--strict")
+    assert (status, errors) == (0, [])
+    assert lines[0].startswith(
+        f"photograph {tmp_path / 'whole.exr'}: circle at (60.2, 45.1), radius 30.3 pixels, ball 1 of 2"
+    )
+
+
+def test_no_ball_is_refused(fit, tmp_path):
+    tb.write_image(tmp_path / "wall.exr", photographed((60, 90), []))
+    status, _, errors = fit(tmp_path / "wall.exr")
+    assert status == 2
+    assert errors[0].startswith(f"torchbrdf: error: {tmp_path / 'wall.exr'}: no ball is found")
+
+
+@pytest.mark.parametrize("other", [("--circle", 44, 27, 24), ("--mask", "mask.png")])
+def test_a_number_of_a_ball_needs_balls_that_are_found(fit, photo, other):
+    option, *values = other
+    values = [photo.parent / value if option == "--mask" else value for value in values]
+    status, _, errors = fit(photo, "--ball", 2, option, *values)
+    assert status == 2
+    assert ": --ball 2 chooses among the balls found" in errors[0]
 
 
 @pytest.mark.usefixtures("reports")
 def test_the_field_of_view_is_that_of_the_whole_photograph(fit, photo):
     _, lines, _ = fit(photo, "--circle", 44, 27, 24, "--fov", 60)
-    assert "radius 24.0 pixels, as given, 5.5 degrees off the axis of a camera of 60 degrees across; " in lines[0]
+    assert "radius 24.0 pixels, as given, 5.5 degrees off the axis of a camera of 60 degrees across, as given; " in lines[0]

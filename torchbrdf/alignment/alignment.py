@@ -16,6 +16,7 @@ from torch import Tensor
 
 from torchbrdf.alignment._search import RotationSearch, Summit, Trial
 from torchbrdf.alignment.exposure import Exposure, exposure_of
+from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
 from torchbrdf.alignment.silhouette import CLEAR, FoundSilhouette, find, guessed
 from torchbrdf.brdf import MaterialLibrary
@@ -25,7 +26,7 @@ from torchbrdf.estimation.priors import farthest_points, image_angles
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
-from torchbrdf.transport.harmonic import HarmonicBasis, unsuited
+from torchbrdf.transport.harmonic import NEAREST, HarmonicBasis, unsuited
 from torchbrdf.view import Frames, View
 
 EXPECTED = radians(5)
@@ -62,7 +63,7 @@ class Alignment:
 
     rotation      (3, 3) float64: radiance that came from d now comes from R d. That of the start where no other is
                   clearly better: see log_odds
-    source        the probe as it was given, blurred where that was found
+    source        the probe as it was given, its lamps brightened and all of it blurred where that was found
     basis         basis images under `probe`, for `BRDFEstimator`: made by turning directions, sharper than from `probe`
     covariance    (3, 3) float64, radians^2, of a further turn about +X, +Y and +Z: what the photograph leaves open, and
                   the turn that it would prefer where that is not clearly better
@@ -71,6 +72,7 @@ class Alignment:
     exposure      what the photograph has to be divided by; None unless asked for
     converged     whether the search ended by itself
     evaluations   how many rotations were looked at
+    lamp          what was found of lamps at which the probe may be clipped, see `LightProbe.lamps`; None without
     ball          its silhouette, found together with the rotation, and the observation inside it; None unless asked for
     """
 
@@ -83,6 +85,7 @@ class Alignment:
     exposure: Exposure | None
     converged: bool
     evaluations: int
+    lamp: LampRadiance | None = None
     ball: FoundSilhouette | None = None
 
     @property
@@ -128,7 +131,8 @@ class Alignment:
         blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
         exposed = f"; {self.exposure}" if self.exposure else ""
         seen = f"; {self.ball}" if self.ball else ""
-        return f"light probe {what}{blurred} ({certainty}{warning}){exposed}{seen}"
+        lit = f"; {self.lamp}" if self.lamp else ""
+        return f"light probe {what}{blurred} ({certainty}{warning}){lit}{exposed}{seen}"
 
 
 def align(
@@ -149,7 +153,7 @@ def align(
     """Find the rotation of the probe under which the library explains a photograph best.
 
     image     (3, H, W) linear radiance, float32 or float64
-    view      of an orthographic camera, without shadows: a `SphereView` or a `NormalMapView`
+    view      as `HarmonicBasis` takes it: a `SphereView`, in perspective too, or a `NormalMapView`
     mask      (1, H, W) bool, True = use; None for all pixels of the view
     search    "near": within about 20 degrees. "full": about the vertical axis +Y by any angle, and near that
     start     (3, 3): the rotation that is believed, and kept where no other is clearly better; None for none
@@ -169,7 +173,7 @@ def align(
         raise ValueError(f"search must be one of {', '.join(get_args(Range))}, got {search!r}")
     reason = unsuited(view)
     if reason is not None:
-        raise ValueError(f"align needs an orthographic camera and a shape without shadows: {reason}")
+        raise ValueError(f"align needs a ball from {NEAREST:g} radii on, or normals without shadows: {reason}")
     moving = None
     if silhouette is not False:
         guess = guessed(image, mask, view, silhouette)
@@ -181,26 +185,28 @@ def align(
     light = HarmonicBasis(library, probe, view, progress)
     task = RotationSearch(light, y.to(light.transport.device, torch.float64), used, EXPECTED)
     believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
-    starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
-    turn_costs = log(_TURNS if search == "full" else 1)
-    ball = None
-    if moving is None:
-        summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
+    joint = None
+    if moving is not None:
+        joint = find(task, moving, believed, _starts(task, believed, search), _turn_costs(search))
+        believed, task = joint.believed, task.seeing(joint.shown)
+    lamp = first_guess(task, believed)
+    if lamp is not None:
+        task, lamp, (summit, best, log_odds) = with_lamp(
+            task, believed, lamp, lambda task, believed: _climbed(task, believed, search)
+        )
+    elif joint is not None:
+        summit, best, log_odds = _weighed(joint.summit, believed, search)
     else:
-        joint = find(task, moving, believed, starts, turn_costs)
-        believed, summit = joint.believed, joint.summit
-        ball = joint.silhouette(moving, image, mask, view)
-        task = task.seeing(joint.shown)
-    log_odds = summit.log_evidence - believed.log_evidence - turn_costs
+        summit, best, log_odds = _climbed(task, believed, search)
     turned = log_odds > CLEAR
-    best = summit.trial if turned else believed
     sigma = 0.0
     if blur:
         best, sigma, summit = _blurred(task, best, summit, turned)
     away = rotation_vector(summit.trial.rotation @ best.rotation.T)
     if summit.trial.log_evidence - believed.log_evidence < _PREFERRED:
         away = torch.zeros(3, dtype=torch.float64)
-    rotation, basis, source = best.rotation, best.basis, probe.blurred(sigma)
+    rotation, basis, source = best.rotation, best.basis, task.light.probe.blurred(sigma)
+    ball = None if joint is None or moving is None else joint.silhouette(moving, image, mask, view)
     if ball is not None and ball.view is not view:
         if turned:
             rotation = ball.turn_from(view) @ rotation
@@ -215,6 +221,7 @@ def align(
         exposure=exposure_of(task.y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
         converged=summit.converged,
         evaluations=task.evaluations,
+        lamp=lamp,
         ball=ball,
     )
 
@@ -225,6 +232,27 @@ def _packed(image: Tensor, mask: Tensor | None, view: View) -> tuple[Tensor, Ten
     if batch:
         raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
     return y[..., used[0]], used[0]
+
+
+def _turn_costs(search: Range) -> float:
+    """Log odds that a turn needs beyond CLEAR, for how many were tried."""
+    return log(_TURNS if search == "full" else 1)
+
+
+def _starts(task: RotationSearch, believed: Trial, search: Range) -> list[Trial]:
+    return [believed] if search == "near" else _turned_about_vertical(task, believed)
+
+
+def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
+    """The best summit, as `_weighed`."""
+    climbed = (task.climb(one) for one in _starts(task, believed, search))
+    return _weighed(max(climbed, key=attrgetter("log_evidence")), believed, search)
+
+
+def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
+    """A summit; the trial there, or the one that is believed where it is not clearly better; the log odds."""
+    log_odds = summit.log_evidence - believed.log_evidence - _turn_costs(search)
+    return summit, summit.trial if log_odds > CLEAR else believed, log_odds
 
 
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:

@@ -11,7 +11,10 @@ from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
 
-_FIRST = ("demo", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export", "verify", "classes")
+_FIRST = (
+    "demo", "merge", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export", "verify",
+    "classes",
+)  # fmt: skip
 """In the order in which a user meets them; the others follow by name."""
 
 

@@ -2,10 +2,11 @@
 
 import argparse
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from torchbrdf.alignment import Alignment, FoundSilhouette, align, circle_of
+from torchbrdf.alignment import Alignment, FoundSilhouette, LampRadiance, align, circle_of
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._sight import Sight
 from torchbrdf.files import writing
@@ -52,6 +53,21 @@ def seen_anew(sight: Sight, found: Alignment) -> Sight:
     )
 
 
+def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
+    """Say that lamps of the probe are clipped where nothing looks for their radiance, or where it cannot be told."""
+    if found is None:
+        if probe.lamps is not None and probe.lamps.certain:
+            message = f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance"
+            warnings.warn(message, UserWarning, stacklevel=2)
+    elif found.lamp is not None and found.lamp.lamps.certain and not found.lamp.confident:
+        message = (
+            f"{probe.name}: {found.lamp.lamps.about}: this photograph cannot tell their radiance for sure, and a lamp "
+            "that is off spoils what it lights; take a shorter exposure of the probe, or photograph a side that they "
+            "light"
+        )
+        warnings.warn(message, UserWarning, stacklevel=2)
+
+
 def divided(observation: Observation, found: Alignment) -> Observation:
     """The observation divided by its exposure, where that was found."""
     if found.exposure is None:
@@ -89,7 +105,19 @@ def write(folder: Path, found: Alignment, primaries: ColourSpace) -> None:
         "silhouette": None if found.ball is None else silhouette_record(found.ball),
         "exposure": None if found.exposure is None else found.exposure.factors.tolist(),
         "exposure_log_std": None if found.exposure is None else found.exposure.std.tolist(),
+        "lamp": None if found.lamp is None else _lamp_record(found.lamp),
     }
     with writing(folder / "alignment.json") as path:
         path.write_text(json.dumps(record, indent=1) + "\n")
     found.probe.save(folder / "aligned_probe.exr", primaries)
+
+
+def _lamp_record(lamp: LampRadiance) -> dict[str, object]:
+    return {
+        "texels": lamp.lamps.about,
+        "clipped": lamp.clipped,
+        "factors": lamp.factors.tolist(),
+        "log_std": lamp.std.tolist(),
+        "log_odds": None if lamp.lamps.unknown else lamp.log_odds,
+        "confident": lamp.confident,
+    }

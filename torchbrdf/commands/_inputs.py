@@ -47,6 +47,7 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
         reflectance=options.mirror_reflectance,
         primaries=options.primaries,
         layer=options.probe_layer,
+        unknown_lamps=getattr(options, "align", False),
     )
 
 

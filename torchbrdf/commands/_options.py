@@ -175,8 +175,10 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     text = "image that is white where the shape may be used; default: the photograph's alpha, else all of it"
     parser.add_argument("--mask", type=Path, help=text)
     parser.add_argument("--invert-mask", action="store_true", help="the mask is white around the shape")
-    text = "silhouette in pixels; default: from the mask, else as large as the photograph"
+    text = "silhouette in pixels; default: from the mask, else found in the photograph"
     parser.add_argument("--circle", type=number(), nargs=3, metavar=("X", "Y", "R"), action=_Circle, help=text)
+    text = "which of the balls found, from 1, the largest; default: the largest"
+    parser.add_argument("--ball", type=whole_number(1), metavar="N", help=text)
     parser.add_argument("--layer", metavar="NAME", help="of a photograph that holds several pictures")
     add_library(parser)
     parser.add_argument(

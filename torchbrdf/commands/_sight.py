@@ -13,6 +13,7 @@ from torchbrdf.photograph import (
     Photograph,
     find_ball,
     find_circle,
+    locate,
     observe,
     observe_view,
 )
@@ -62,8 +63,9 @@ def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
     if options.view == "sphere":
         observation, view, silhouette, found = _ball(options, photograph, size)
     else:
-        if options.circle is not None:
-            raise ValueError(f"--circle is for a ball, and --view is {options.view}")
+        for name in ("circle", "ball"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} is for a ball, and --view is {options.view}")
         view = open_view(options, size or min(LARGEST_DEFAULT_SIZE, photograph.image.shape[-1]))
         with about(options.photo):
             observation = observe_view(photograph.image, view, photograph.usable)
@@ -102,16 +104,21 @@ def _silhouette(
 ) -> tuple[Circle | Ball, str]:
     """Where the ball is, and how that was found."""
     if options.circle is not None:
+        if options.ball is not None:
+            raise ValueError(
+                f"--ball {options.ball} chooses among the balls found, and --circle gives one: leave one out"
+            )
         circle = Circle(*options.circle)
         if circle.leaves(*photograph.size):
             message = f"{options.photo}: --circle, {circle}, leaves the photograph on opposite sides"
             warnings.warn(message, UserWarning, stacklevel=2)
         return circle if camera is None else Ball.of_circle(camera, *options.circle), "as given"
+    if photograph.mask is None:
+        with about(options.photo):
+            return locate(photograph.image, camera, photograph.usable, photograph.window, options.ball)
+    if options.ball is not None:
+        raise ValueError(f"--ball {options.ball} chooses among the balls found without a mask: leave one of them out")
     with about(options.mask or options.photo):
         if camera is None:
-            found: Circle | Ball = find_circle(photograph.size, photograph.mask, photograph.window)
-        else:
-            found = find_ball(camera, photograph.mask, photograph.window)
-    if photograph.mask is not None:
-        return found, "of the mask"
-    return found, "as large as " + ("the photograph" if photograph.window is None else "what was recorded")
+            return find_circle(photograph.size, photograph.mask), "of the mask"
+        return find_ball(camera, photograph.mask), "of the mask"

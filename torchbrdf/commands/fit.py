@@ -21,9 +21,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     add_estimation(parser)
     group = parser.add_argument_group("alignment of the light probe with the photograph")
-    group.add_argument(
-        "--align", action="store_true", help="find the rotation of the probe, and the silhouette of the ball"
-    )
+    text = "find the rotation of the probe, the silhouette of the ball, and the radiance of clipped lamps"
+    group.add_argument("--align", action="store_true", help=text)
     text = "near: within about 20 degrees (default); full: also any turn about the vertical axis"
     group.add_argument("--search", choices=get_args(Range), help=text)
     text = "do not search the ball's silhouette, too: it is exact as found or given"
@@ -64,8 +63,11 @@ def run(options: argparse.Namespace) -> int:
         }
         observation = sight.observation
         written = "brdf.binary, weights.json, fitted.exr and report.html"
-        if options.align:
+        if not options.align:
+            _alignment.warn_of_lamps(probe, None)
+        else:
             found = _alignment.aligned(options, sight, probe, library)
+            _alignment.warn_of_lamps(probe, found)
             sight, probe = _alignment.seen_anew(sight, found), found.probe
             observation = _alignment.divided(sight.observation, found)
             basis = _alignment.basis_of(found)

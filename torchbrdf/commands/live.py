@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from torchbrdf.light import LightProbe
 
 PIXELS = 128
-_OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "size", "focal_mm", "principal", "distortion")
+_OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "ball", "size", "focal_mm", "principal", "distortion")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

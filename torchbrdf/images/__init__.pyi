@@ -9,6 +9,12 @@ from .display import (
     stops_for as stops_for,
     tone_map as tone_map,
 )
+from .encodings import (
+    DECODERS as DECODERS,
+    LINEAR as LINEAR,
+    SRGB as SRGB,
+    Transfer as Transfer,
+)
 from .formats import Window as Window
 from .formats._catalogue import readable_suffixes as readable_suffixes
 from .masks import (
@@ -22,13 +28,19 @@ from .pictures import (
     read_metadata as read_metadata,
     read_picture as read_picture,
 )
-from .primaries import converted as converted
+from .primaries import (
+    SPACES as SPACES,
+    Primaries as Primaries,
+    conversion as conversion,
+    converted as converted,
+)
 from .settings import (
     DEFAULT_SPACE as DEFAULT_SPACE,
     ColourSpace as ColourSpace,
     Encoding as Encoding,
 )
 from .shooting import (
+    RAW_SUFFIXES as RAW_SUFFIXES,
     Shooting as Shooting,
     read_shooting as read_shooting,
 )

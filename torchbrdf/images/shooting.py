@@ -187,6 +187,8 @@ def _of_raw(path: Path) -> Shooting:
 
     try:
         with rawpy.imread(str(path)) as raw:
+            if not hasattr(raw, "other"):  # rawpy before 0.27
+                return Shooting()
             number = partial(_number, raw.other._asdict())
     except (rawpy.LibRawError, OSError):
         return Shooting()

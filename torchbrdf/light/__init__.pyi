@@ -1,3 +1,4 @@
+from .lamps import Lamps as Lamps
 from .latlong import (
     area_mean as area_mean,
     row_solid_angles as row_solid_angles,

@@ -12,12 +12,18 @@ from torch import Tensor
 from torchbrdf.images import ColourSpace, Picture, read_picture
 from torchbrdf.images.formats import read_headers
 from torchbrdf.light._soundness import fill, share_and_place, sound, warn
+from torchbrdf.light.lamps import Lamps, bounded, lamps_of
 from torchbrdf.light.latlong import from_bands, from_edge_columns, resize, row_solid_angles
 from torchbrdf.light.layouts import Circle, layout_of, looks_like
 from torchbrdf.light.settings import Layout, Rows
 
 ROWS_KEY = "probeRows"
 """The attribute of our own .exr files that holds their `Rows`."""
+
+LAMPS_KEY = "probeLamps"
+"""That which says, by `KNOWN`, that texels at the maximum are as bright as the file has them."""
+
+KNOWN = "known"
 
 _LEAST_HEIGHT = 512
 """Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut.
@@ -40,23 +46,32 @@ class LightPicture:
     reflectance: float | Sequence[float] | None = None
     primaries: ColourSpace = "rec709"
     layer: str | None = None
+    unknown_lamps: bool = False
 
     @property
     def name(self) -> str:
         """What messages call it."""
         return f"light probe {self.path}"
 
-    def to_latlong(self, height: int | None, repair: bool) -> tuple[Tensor, str]:
-        """Sound radiance (3, H, 2 H), and how the file was read, in words."""
+    def to_latlong(self, height: int | None, repair: bool) -> tuple[Tensor, Lamps | None, str]:
+        """Sound radiance (3, H, 2 H), what of it may be clipped, and how the file was read, in words."""
         self._check()
         picture = read_picture(
             self.path, None, layer=self.layer, primaries=self.primaries, layer_option="--probe-layer"
         )
-        marked, kind = _said_by(self.path)
+        marked, kind, known = _said_by(self.path)
         layout: Layout = "envmap_cube" if self.layout == "latlong" and kind == "cube" else self.layout
         image, cropped = self._recorded(picture, layout)
-        radiance, said = self._placed(image, layout, marked, kind, height, repair)
-        return radiance, ", ".join([*picture.about, *cropped, said])
+        layers, lamps, said = self._placed(image, layout, marked, kind, height, repair)
+        lamps = None if lamps is None or known else lamps.of(layers[3:])
+        return layers[:3], lamps, ", ".join([*picture.about, *cropped, said])
+
+    def _sound(self, image: Tensor, weights: Tensor, repair: bool) -> tuple[Tensor, Lamps | None]:
+        """(3, h, w) sound radiance, or (6, h, w), followed by that of the lamps; and the lamps."""
+        image, infinite = bounded(image, weights) if self.unknown_lamps else (image, None)
+        image = sound(image, weights, repair, self.name, self.unknown_lamps)
+        lamps = lamps_of(image, weights, infinite)
+        return (image, None) if lamps is None else (torch.cat([image, lamps.radiance]), lamps)
 
     def _recorded(self, picture: Picture, layout: Layout) -> tuple[Tensor, list[str]]:
         """The image, or the part of it that was recorded where that is the picture, and what to say of it."""
@@ -73,21 +88,21 @@ class LightPicture:
 
     def _placed(
         self, image: Tensor, layout: Layout, marked: str | None, kind: str | None, height: int | None, repair: bool
-    ) -> tuple[Tensor, str]:
-        """`to_latlong` of an image of this layout; marked, kind  as of `_said_by`."""
+    ) -> tuple[Tensor, Lamps | None, str]:
+        """Layers of `_sound` in lat-long, from an image of this layout; marked, kind  as of `_said_by`."""
         if layout != "latlong":
             return self._converted(layout, image, height, repair)
         check_proportions(image.shape[1], image.shape[2], self.name)
         if self.rows == "centres" or (self.rows is None and marked != "poles" and kind is None):
-            return self._of_bands(image, height, repair), "rows at pixel centres"
-        radiance = sound(image, row_solid_angles(image.shape[1], 1)[:, None], repair, self.name)
+            return *self._of_bands(image, height, repair), "rows at pixel centres"
+        layers, lamps = self._sound(image, row_solid_angles(image.shape[1], 1)[:, None], repair)
         said = "rows from pole to pole"
         if self.rows is None and marked == "poles":
             said += ", as the file says"
         elif self.rows is None:
-            radiance = from_edge_columns(radiance)
+            layers = from_edge_columns(layers)
             said += " and columns from edge to edge, as its envmap attribute says"
-        return radiance if height in (None, len(radiance[0])) else resize(radiance, height), said
+        return layers if height in (None, len(layers[0])) else resize(layers, height), lamps, said
 
     def _check(self) -> None:
         layouts, all_rows = get_args(Layout), get_args(Rows)
@@ -108,12 +123,15 @@ class LightPicture:
                     f"{self.name}: {option} goes with --probe-layout {where} (layout= in Python), got {self.layout}"
                 )
 
-    def _of_bands(self, image: Tensor, height: int | None, repair: bool) -> Tensor:
+    def _of_bands(self, image: Tensor, height: int | None, repair: bool) -> tuple[Tensor, Lamps | None]:
         h = image.shape[1]
         areas = torch.cos(torch.arange(h + 1, dtype=torch.float64) * (math.pi / h)).diff().neg()[:, None]
-        return from_bands(sound(image, areas, repair, self.name), height or h * math.ceil(_LEAST_HEIGHT / h))
+        layers, lamps = self._sound(image, areas, repair)
+        return from_bands(layers, height or h * math.ceil(_LEAST_HEIGHT / h)), lamps
 
-    def _converted(self, layout: Layout, image: Tensor, height: int | None, repair: bool) -> tuple[Tensor, str]:
+    def _converted(
+        self, layout: Layout, image: Tensor, height: int | None, repair: bool
+    ) -> tuple[Tensor, Lamps | None, str]:
         title = layout.replace("_", " ")
         what = f"{self.name}, a picture of layout {layout},"
         picture = layout_of(layout).placed((image.shape[1], image.shape[2]), self.circle, what)
@@ -122,13 +140,14 @@ class LightPicture:
         excluded = torch.zeros_like(weights, dtype=torch.bool)
         if self.mask is not None:
             excluded = self._excluded(self.mask, weights, picture.weights(_EDGE) > 0, repair)
-        image = sound(image, torch.where(excluded, 0.0, weights), repair, self.name)
-        image = fill(image, (weights > 0) & ~excluded, excluded)
+        layers, lamps = self._sound(image, torch.where(excluded, 0.0, weights), repair)
+        layers = fill(layers, (weights > 0) & ~excluded, excluded)
         if self.reflectance is not None:
             factors = _reflectance(self.reflectance)
-            image = image / image.new_tensor(factors)[:, None, None]
+            layers = layers.unflatten(0, (-1, 3)) / layers.new_tensor(factors).view(-1, 1, 1)
+            layers = layers.flatten(0, 1)
             said += f", reflectance {' '.join(f'{factor:g}' for factor in factors)}"
-        return picture.to_latlong(image, height or max(picture.rows, _LEAST_HEIGHT)), said
+        return picture.to_latlong(layers, height or max(picture.rows, _LEAST_HEIGHT)), lamps, said
 
     def _excluded(self, mask: Tensor, weights: Tensor, inner: Tensor, repair: bool) -> Tensor:
         """(H, W) bool: pixels of the disc that the mask lacks. In its inner part they are an error without `repair`."""
@@ -170,13 +189,15 @@ def _reflectance(given: float | Sequence[float]) -> list[float]:
     return factors
 
 
-def _said_by(path: Path) -> tuple[str | None, str | None]:
-    """What an .exr file says: our own mark of its rows, and "latlong" or "cube" where it is an environment map."""
+def _said_by(path: Path) -> tuple[str | None, str | None, bool]:
+    """What an .exr file says: our own mark of its rows; "latlong" or "cube" where it is an environment map; KNOWN."""
     if path.suffix.lower() != ".exr":
-        return None, None
+        return None, None, False
     import OpenEXR
 
     header = read_headers(path)[0]
     kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     rows, kind = header.get(ROWS_KEY), header.get("envmap")  # of any type, in files of others
-    return rows if isinstance(rows, str) else None, kinds[kind] if isinstance(kind, type(OpenEXR.ENVMAP_CUBE)) else None
+    kind = kinds[kind] if isinstance(kind, type(OpenEXR.ENVMAP_CUBE)) else None
+    lamps = header.get(LAMPS_KEY)
+    return rows if isinstance(rows, str) else None, kind, isinstance(lamps, str) and lamps == KNOWN

@@ -13,11 +13,12 @@ _NO_RADIANCE = 1e30
 """Beyond what any light has in any unit; sums and resampling stay finite below."""
 
 
-def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
+def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str, unknown_lamps: bool = False) -> Tensor:
     """`radiance` (3, H, W) without NaN, infinities or negative values.
 
     weights    (H, W) or (H, 1): the texels' solid angles up to a factor; texels of 0 become 0 unseen
     repair     fill texels that hold NaN or -infinity from their neighbours, with a warning; else they are an error
+    unknown_lamps  the radiance of clipped lamps will be found: nothing is said of those at the largest half float
     raises     ValueError, for +infinity always, as nothing around a lamp tells how bright it is; and for no energy
     """
     weights = weights.expand(radiance.shape[1:])
@@ -28,7 +29,8 @@ def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
         raise ValueError(
             f"{name} has {_count(clipped, 'infinite texel')} of {total} ({place(clipped)}): a lamp brighter than the "
             "numbers that it was saved in (half floats end at 65504). Filling it from its neighbours would put sky in "
-            "its place: save the probe with 32-bit floats, or write the lamp's radiance there"
+            "its place: save the probe with 32-bit floats, write the lamp's radiance there, or find it with "
+            "`torchbrdf fit --align` (unknown_lamps=True and tb.align in Python)"
         )
     huge = used & (radiance > _NO_RADIANCE).any(dim=0)
     if bool(huge.any()):
@@ -51,11 +53,11 @@ def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str) -> Tensor:
         radiance = fill(radiance, used & ~invalid, invalid)
     radiance = torch.where(used, radiance, 0.0)
     largest = (radiance == _LARGEST_HALF).any(dim=0)
-    if bool(largest.any()):  # a program that writes no infinities writes that
+    if bool(largest.any()) and not unknown_lamps:  # a program that writes no infinities writes that
         warn(
             f"{name} has {_count(largest, 'texel')} of exactly {_LARGEST_HALF:.0f}, the largest half float "
             f"({place(largest)}): a lamp is probably clipped there, and all that it lights will come out too bright; "
-            "save the probe with 32-bit floats"
+            "save the probe with 32-bit floats, or find the lamp's radiance with `torchbrdf fit --align`"
         )
     negative = radiance < 0
     if bool(negative.any()):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,11 @@ from torch import Tensor
 
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, luminance, write_image
 from torchbrdf.light._blur import blur
-from torchbrdf.light._picture import ROWS_KEY, LightPicture, check_proportions
+from torchbrdf.light._picture import KNOWN, LAMPS_KEY, ROWS_KEY, LightPicture, check_proportions
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.light._sampling import ImportanceTables
 from torchbrdf.light._soundness import sound
+from torchbrdf.light.lamps import Lamps, bounded, lamps_of
 from torchbrdf.light.latlong import bilinear, resize, rotate, row_solid_angles
 from torchbrdf.light.rotations import checked_rotation
 from torchbrdf.light.settings import Layout, Rows
@@ -35,20 +36,32 @@ class LightProbe:
                gradients flow back to it. Negative values are clamped to 0 with a warning
     repair     fill texels that hold a NaN or -infinity from their valid neighbours (a hole closes from its rim with
                means over 3 x 3 texels, across the seam in azimuth), with a warning; without it they are an error
+    unknown_lamps  take infinite texels as clipped lamps, at the largest finite radiance, until `torchbrdf.align` finds
+               theirs; without it they are an error
     name       what messages and `repr` call it
-    raises     ValueError for another shape, invalid texels without `repair`, infinite ones, which are clipped lamps,
-               or a probe without energy
+    raises     ValueError for another shape, invalid texels without `repair`, infinite ones without `unknown_lamps`, or
+               a probe without energy
     """
 
     _reading = ""
+    _infinite: Tensor | None = None
 
     def __init__(
-        self, radiance: Tensor | np.ndarray, *, repair: bool = False, name: str = "light probe"
+        self,
+        radiance: Tensor | np.ndarray,
+        *,
+        repair: bool = False,
+        unknown_lamps: bool = False,
+        name: str = "light probe",
     ) -> None:
         """Check `radiance` and keep a copy of it."""
         if isinstance(radiance, np.ndarray):
             radiance = torch.tensor(radiance)
-        self._radiance = _checked(radiance, repair, name)
+        weights = _checked(radiance, name)
+        radiance = radiance.to(torch.float32, copy=True)
+        if unknown_lamps:
+            radiance, self._infinite = bounded(radiance, weights)
+        self._radiance = sound(radiance, weights, repair, name, unknown_lamps)
         self._name = name
 
     @classmethod
@@ -65,6 +78,7 @@ class LightProbe:
         reflectance: float | Sequence[float] | None = None,
         primaries: ColourSpace = DEFAULT_SPACE,
         layer: str | None = None,
+        unknown_lamps: bool = False,
     ) -> LightProbe:
         """Read a probe from an .exr or .hdr file.
 
@@ -83,18 +97,19 @@ class LightProbe:
                    and an error without it
         reflectance  of a mirror ball, 0 < r <= 1, one number or one for each of R, G and B: radiance is divided by it
         primaries, layer  as for `read_image`
+        unknown_lamps  as for the constructor
         raises     FileNotFoundError, ValueError
         """
         if height is not None:
             _checked_height(height)
-        picture = LightPicture(Path(path), layout, rows, circle, mask, reflectance, primaries, layer)
-        radiance, reading = picture.to_latlong(height, repair)
-        return cls._of(radiance, picture.name, reading)
+        picture = LightPicture(Path(path), layout, rows, circle, mask, reflectance, primaries, layer, unknown_lamps)
+        radiance, lamps, reading = picture.to_latlong(height, repair)
+        return cls._of(radiance, lamps, picture.name, reading)
 
     @classmethod
     def default(cls, height: int = 128) -> LightProbe:
         """The procedural probe: a studio room over five decades of radiance, lit from all sides."""
-        return cls(studio_room(_checked_height(height)), name="default light probe")
+        return cls._of(studio_room(_checked_height(height)).clone(), None, "default light probe")
 
     @classmethod
     def sky(
@@ -125,7 +140,8 @@ class LightProbe:
 
         rows = _checked_height(height)
         radiance = sky_radiance(sun_elevation, turbidity, sun_azimuth, ground_albedo, sun, rows)
-        return cls(radiance, name=f"sky with the sun at {sun_elevation:g} degrees, turbidity {turbidity:g}")
+        name = f"sky with the sun at {sun_elevation:g} degrees, turbidity {turbidity:g}"
+        return cls._of(cls(radiance, name=name).radiance, None, name)
 
     @property
     def radiance(self) -> Tensor:
@@ -141,6 +157,12 @@ class LightProbe:
     def reading(self) -> str:
         """How `open` took the file, in words, such as "rows at pixel centres"; empty for other probes."""
         return self._reading
+
+    @cached_property
+    def lamps(self) -> Lamps | None:
+        """What of the radiance may be clipped, by the file or the array that it came from; `open` looks by itself."""
+        weights = row_solid_angles(self.height, self.width, self.device)[:, None]
+        return lamps_of(self._radiance, weights, self._infinite)
 
     @property
     def height(self) -> int:
@@ -211,25 +233,37 @@ class LightProbe:
         energy to 0.02 % (1 % where a few texels at a pole hold most of it: Grace Cathedral); a turn about +Y by
         whole texels is exact.
         """
-        return self._derived(rotate(self._radiance, checked_rotation(rotation)))
+        return self._derived(partial(rotate, rotation=checked_rotation(rotation)))
 
     def scaled(self, factor: float) -> LightProbe:
         """The probe with its radiance times `factor` > 0."""
         if not (math.isfinite(factor) and factor > 0):
             raise ValueError(f"scale of a light probe must be positive and finite, got {factor}")
-        return self._derived(self._radiance * factor)
+        return self._derived(lambda radiance: radiance * factor)
 
     def blurred(self, degrees: float) -> LightProbe:
         """The probe out of focus: a Gaussian with this standard deviation >= 0 along any direction; keeps energy."""
         if not (math.isfinite(degrees) and degrees >= 0):
             raise ValueError(f"blur of a light probe must be at least 0 degrees and finite, got {degrees}")
-        return self._derived(blur(self._radiance, math.radians(degrees))) if degrees else self
+        return self._derived(partial(blur, sigma=math.radians(degrees))) if degrees else self
 
     def resized(self, height: int) -> LightProbe:
         """The probe with another number of rows, by means over each new texel's footprint."""
         if _checked_height(height) == self.height:
             return self
-        return self._derived(resize(self._radiance, height))
+        return self._derived(partial(resize, height=height))
+
+    def relit(self, factors: Tensor) -> LightProbe:
+        """The probe with the radiance of its `lamps` times factors (3,) >= 0; they are known then, and None.
+
+        Raises ValueError where it has no lamps, or for other factors.
+        """
+        if self.lamps is None:
+            raise ValueError(f"{self._name} has no texels that may be clipped")
+        if factors.shape != (3,) or not bool((torch.isfinite(factors) & (factors >= 0)).all()):
+            raise ValueError(f"factors of lamps must be three finite numbers of at least 0, got {factors.tolist()}")
+        more = (factors.to(self._radiance) - 1)[:, None, None] * self.lamps.radiance
+        return self._of((self._radiance + more).clamp_min(0), None, self._name, self._reading)
 
     def save(self, path: str | os.PathLike[str], primaries: ColourSpace = DEFAULT_SPACE) -> None:
         """Write the radiance as an .exr file that says that its rows run from pole to pole; `open` gives it back.
@@ -239,12 +273,14 @@ class LightProbe:
         """
         if Path(path).suffix.lower() != ".exr":
             raise ValueError(f"{path}: a light probe is saved as .exr, which can say how its rows lie; name it .exr")
-        write_image(path, self._radiance, {ROWS_KEY: "poles"}, primaries=primaries)
+        known = {} if self.lamps is not None else {LAMPS_KEY: KNOWN}
+        write_image(path, self._radiance, {ROWS_KEY: "poles", **known}, primaries=primaries)
 
     def to(self, device: torch.device | str) -> LightProbe:
         """The probe on another device."""
-        moved = self._radiance.to(device)
-        return self if moved is self._radiance else self._derived(moved)
+        if self._radiance.to(device) is self._radiance:
+            return self
+        return self._derived(lambda radiance: radiance.to(device))
 
     def __repr__(self) -> str:
         """Size, range and mean, for people."""
@@ -259,25 +295,30 @@ class LightProbe:
     def _importance(self) -> ImportanceTables:
         return ImportanceTables.build(self._radiance)
 
-    def _derived(self, radiance: Tensor) -> LightProbe:
-        return self._of(radiance, self._name, self._reading)
+    def _derived(self, changed: Callable[[Tensor], Tensor]) -> LightProbe:
+        """The probe after a linear change of radiance (channels, H, 2 H), which its lamps go through, too."""
+        if self.lamps is None:
+            return self._of(changed(self._radiance), None, self._name, self._reading)
+        both = changed(torch.cat([self._radiance, self.lamps.radiance]))
+        return self._of(both[:3], self.lamps.of(both[3:]), self._name, self._reading)
 
     @classmethod
-    def _of(cls, radiance: Tensor, name: str, reading: str) -> LightProbe:
+    def _of(cls, radiance: Tensor, lamps: Lamps | None, name: str, reading: str = "") -> LightProbe:
         probe = object.__new__(cls)
         probe._radiance, probe._name, probe._reading = radiance, name, reading
+        probe.__dict__["lamps"] = lamps
         return probe
 
 
-def _checked(radiance: Tensor, repair: bool, name: str) -> Tensor:
+def _checked(radiance: Tensor, name: str) -> Tensor:
+    """Solid angles (H, 1) of the texels of what is a probe by its shape and type."""
     if radiance.ndim != 3 or radiance.shape[0] != 3:
         raise ValueError(f"{name} must be (3, H, W) linear RGB, got {tuple(radiance.shape)}")
     _, h, w = radiance.shape
     check_proportions(h, w, name)
     if not radiance.is_floating_point():
         raise ValueError(f"{name} must hold linear floating-point radiance, got {radiance.dtype}")
-    weights = row_solid_angles(h, w, radiance.device)[:, None]
-    return sound(radiance.to(torch.float32, copy=True), weights, repair, name)
+    return row_solid_angles(h, w, radiance.device)[:, None]
 
 
 def _checked_height(height: int) -> int:

@@ -1,3 +1,5 @@
+from .choice import locate as locate
+from .finding import find_balls as find_balls
 from .moving import (
     REACH as REACH,
     MovingSilhouette as MovingSilhouette,

@@ -15,7 +15,7 @@ from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
 
 _ROUNDING = 1e-9
-_SNAP = 1.5
+SNAP = 1.5
 _SMALLEST_PART = 0.02
 """Of the largest connected part: smaller ones are strays."""
 
@@ -74,7 +74,7 @@ class Circle:
 
     def leaves(self, height: int, width: int) -> bool:
         """Whether it leaves a photograph on two opposite sides, by more than rounding."""
-        slack = max(_SNAP, _RIM * self.radius)
+        slack = max(SNAP, _RIM * self.radius)
         beyond = [self.radius - slack - distance for distance in (self.x, width - self.x, self.y, height - self.y)]
         return min(beyond[:2]) > 0 or min(beyond[2:]) > 0
 
@@ -103,7 +103,7 @@ def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Windo
     if not mask.any():
         raise ValueError("mask is empty: no pixel is marked as usable; paint the ball white")
     found = _Marked.best(mask[0].numpy())
-    if found.circle.differs(whole) < _SNAP:
+    if found.circle.differs(whole) < SNAP:
         return whole
     _check(found, mask[0].numpy())
     return found.circle
@@ -130,12 +130,12 @@ def _inscribed(whole: Circle, window: Window | None, size: tuple[int, int]) -> C
     height, width = size
     if window is not None:
         circle = Circle.inscribed(window)
-        square = abs(window.width - window.height) < _SNAP
-        if circle.differs(whole) >= _SNAP and (square or abs(width - height) >= _SNAP):
+        square = abs(window.width - window.height) < SNAP
+        if circle.differs(whole) >= SNAP and (square or abs(width - height) >= SNAP):
             if not square:
                 _warn(f"no mask: the ball is taken to fill the {window.height} x {window.width} pixels recorded")
             return circle
-    if abs(width - height) >= _SNAP:
+    if abs(width - height) >= SNAP:
         _warn(f"no mask: the ball is taken to fill the middle of the {height} x {width} photograph")
     return whole
 
@@ -179,7 +179,7 @@ class _Marked:
         """Share of the directions in which pixels are marked at the circle's rim."""
         rows, columns = np.nonzero(self.pixels)
         x, y = columns + 0.5 - self.circle.x, rows + 0.5 - self.circle.y
-        near = np.hypot(x, y) >= self.circle.radius - max(_SNAP, _RIM * self.circle.radius)
+        near = np.hypot(x, y) >= self.circle.radius - max(SNAP, _RIM * self.circle.radius)
         bins = min(_DIRECTIONS, int(np.pi * self.circle.radius))  # at least two pixels of the rim in each
         turned = np.arctan2(y[near], x[near]) / (2 * np.pi) * bins
         return len(np.unique(np.floor(turned).astype(int) % bins)) / bins

@@ -4,7 +4,7 @@ from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.light import LightProbe
 from torchbrdf.mitsuba_backend import bake_basis
 from torchbrdf.transport import DEFAULT_SAMPLES, BasisImages, sampled_basis
-from torchbrdf.transport.harmonic import HarmonicBasis, is_precomputed, unsuited
+from torchbrdf.transport.harmonic import HarmonicBasis, in_perspective, is_precomputed, unsuited
 from torchbrdf.view import View
 
 
@@ -20,10 +20,11 @@ def render_basis(
 ) -> BasisImages:
     """Images Y of every basis BRDF under a probe [CBP21, eq. 5].
 
-    backend   "sampled"; "harmonic", precomputed once per library, some twenty times as fast, for orthographic cameras
-              without shadows; "mitsuba", slower and independent, with an error estimate for every image
-              (`mitsuba_backend.bake_basis`). "auto" is "harmonic" where the library's transport has been precomputed
-              (`torchbrdf precompute`), the view allows it and no samples are given, else "sampled"
+    backend   "sampled"; "harmonic", precomputed once per library, some ten to twenty times as fast, for balls and, of
+              orthographic cameras, other shapes without shadows; "mitsuba", slower and independent, with an error
+              estimate for every image (`mitsuba_backend.bake_basis`). "auto" is "harmonic" where the library's
+              transport has been precomputed (`torchbrdf precompute`), the view allows it and no samples are given,
+              else "sampled"
     samples   a pixel, on average over the view, at least 2; None for 4096. Not for "harmonic"
     adaptive  give the pixels that need it more samples than others; "sampled" only
     They run on the device that holds the library's columns. Only pixels under the view's mask are computed and only
@@ -31,7 +32,7 @@ def render_basis(
     "harmonic" cannot take.
     """
     if backend == "auto":
-        fast = samples is None and is_precomputed(library) and unsuited(view) is None
+        fast = samples is None and unsuited(view) is None and is_precomputed(library, in_perspective(view))
         backend = "harmonic" if fast else "sampled"
     if backend == "harmonic":
         return HarmonicBasis(library, probe, view, progress).basis_at()

@@ -458,14 +458,6 @@ class TestViews:
         basis = harmonic(library.subset(["matte"]), probe_of(lambda d: 1 + d[..., 0]), view)
         assert float(basis.packed[0, 0]) == pytest.approx(ALBEDO[0] * 5 / 3, rel=3e-3)
 
-    def test_perspective(self, library: MaterialLibrary) -> None:
-        message = (
-            r'^backend="harmonic" cannot render this view: the camera of SphereView\(12, fov_deg=40, \d+ pixels\) is '
-            r'not orthographic along -Z; use backend="sampled"$'
-        )
-        with pytest.raises(ValueError, match=message):
-            harmonic(library, lamps(), SphereView(12, fov_deg=40))
-
     @pytest.mark.parametrize(
         ("view", "reason"), [(Tilted(12), "is not orthographic"), (SelfShading(12), "may shade itself")]
     )

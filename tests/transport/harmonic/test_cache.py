@@ -68,9 +68,9 @@ def built(monkeypatch: pytest.MonkeyPatch) -> list[range]:
     groups: list[range] = []
     compute = harmonic_cache.compute_group
 
-    def watched(stored, zone, rings, norms, n_zones):
+    def watched(stored, order, zone, rings, norms, n_zones):
         groups.append(rings)
-        return compute(stored, zone, rings, norms, n_zones)
+        return compute(stored, order, zone, rings, norms, n_zones)
 
     monkeypatch.setattr(harmonic_cache, "compute_group", watched)
     return groups
@@ -376,8 +376,31 @@ class TestAutomatic:
         assert render_basis(library, PROBE, VIEW).description == "harmonic"
         assert render_basis(library.without("red"), PROBE, VIEW).description == "harmonic"
 
-    def test_sampled_where_samples_are_given_or_the_view_does_not_suit(self, library: MaterialLibrary) -> None:
+    def test_perspective_after_its_own(self, library: MaterialLibrary, forget: Callable) -> None:
+        """In a file beside that of the orthographic view, which stays as it is."""
+        view = SphereView(12, fov_deg=10)
         transport_of(library)
+        (orthographic,) = kept()
+        before = orthographic.stat().st_mtime_ns
+        assert not is_precomputed(library, perspective=True)
+        assert render_basis(library, PROBE, view).description.startswith("sampled")
+        transport_of(library, perspective=True)
+        forget()
+        assert is_precomputed(library, perspective=True)
+        assert render_basis(library, PROBE, view).description == "harmonic"
+        assert len(kept()) == 2
+        assert orthographic.stat().st_mtime_ns == before
+
+    def test_kernels_read_back_as_computed(self, library: MaterialLibrary, forget: Callable) -> None:
+        first = transport_of(library, perspective=True)
+        forget()
+        again = transport_of(library, perspective=True)
+        assert first.added
+        assert [group.order for group in again.added] == [group.order for group in first.added]
+        assert equal(HarmonicTransport(again.added), HarmonicTransport(first.added))
+
+    def test_sampled_where_samples_are_given_or_the_view_does_not_suit(self, library: MaterialLibrary) -> None:
+        transport_of(library, perspective=True)
         assert render_basis(library, PROBE, VIEW, samples=64).description == "sampled, 64 samples a pixel, seed 0"
         assert render_basis(library, PROBE, SphereView(12, fov_deg=30)).description.startswith("sampled")
         assert render_basis(library, PROBE, VIEW, backend="sampled").description.startswith("sampled")

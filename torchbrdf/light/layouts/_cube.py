@@ -92,9 +92,9 @@ class Cube:
         return weights
 
     def to_latlong(self, image: Tensor, height: int) -> Tensor:
-        """The lat-long map (3, height, 2 height) of the picture (3, H, W): area means of its pixels."""
+        """The lat-long map (channels, height, 2 height) of the picture (channels, H, W): area means of its pixels."""
         n = self.side
-        texels = image.reshape(3, -1).t().contiguous()
+        texels = image.flatten(1).t().contiguous()
         frames = torch.zeros(3, 6, 3, device=image.device)  # right, down and towards of each face
         corners = []
         for k, ((column, row), face) in enumerate(self.layout.faces.items()):

@@ -86,7 +86,7 @@ class Disc:
         )
 
     def to_latlong(self, image: Tensor, height: int) -> Tensor:
-        """The lat-long map (3, height, 2 height) of the picture (3, H, W).
+        """The lat-long map (channels, height, 2 height) of the picture (channels, H, W).
 
         Area means of bilinear lookups among the pixels that are looked at. Directions whose point is less than
         sqrt(1/2) pixel further inside are looked up there, near such a pixel.
@@ -96,8 +96,8 @@ class Disc:
         around = slice(top, math.ceil(y + radius)), slice(left, math.ceil(x + radius))
         inside = (self.weights() > 0)[around].to(image.device)
         image = image[:, around[0], around[1]]
-        _, rows, columns = image.shape
-        texels = torch.cat([image * inside, inside[None].to(image.dtype)]).reshape(4, -1).t().contiguous()
+        channels, rows, columns = image.shape
+        texels = torch.cat([image * inside, inside[None].to(image.dtype)]).reshape(channels + 1, -1).t().contiguous()
         limit = 1 - (self.layout.edge + math.sqrt(0.5)) / radius
 
         def radiance_of(directions: Tensor) -> Tensor:
@@ -111,6 +111,6 @@ class Disc:
             upper = torch.lerp(texels[first], texels[first + 1], s)
             lower = torch.lerp(texels[first + columns], texels[first + columns + 1], s)
             found = torch.lerp(upper, lower, t)
-            return found[..., :3] / found[..., 3:]
+            return found[..., :-1] / found[..., -1:]
 
         return area_mean(radiance_of, height, 2 * height, lookups(self.rows, height), image.device)

@@ -8,10 +8,14 @@ from .grid import (
     zones as zones,
 )
 from .light import TurningLight as TurningLight
-from .ring_lookup import unsuited as unsuited
 from .splines import SUPPORT as SUPPORT
 from .transport import (
     HarmonicTransport as HarmonicTransport,
     frequencies_of as frequencies_of,
     spectrum as spectrum,
+)
+from .views import (
+    NEAREST as NEAREST,
+    in_perspective as in_perspective,
+    unsuited as unsuited,
 )

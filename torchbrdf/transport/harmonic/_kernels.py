@@ -18,12 +18,22 @@ from math import pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID, StoredColumns, cell_index, half_difference, norm_settings
-from torchbrdf.transport.harmonic.grid import Zone
+from torchbrdf.brdf import StoredColumns, norm_settings
+from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors
+from torchbrdf.transport.harmonic.grid import HELD_DISTANCE, Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
 TOLERANCE = 2e-2
 """Relative error of a column that may be lost by compression, whatever the size of the light sources."""
+
+_LOOSER = 1.5
+"""Times the tolerance for what perspective adds, of which a view from twice `HELD_DISTANCE` sees half."""
+
+_TERMS = (((0.0, 1.0),), ((0.0, -1.0), (1.0, 1.0)), ((0.0, -0.5), (0.5, 1.0), (1.0, -0.5)))
+"""Shares of `tilt_of`, with factors: kernels without tilt, and the differences that interpolate to others.
+
+With a share t of the tilt the kernels are those of order 0, t times those of 1, and 4 t (1 - t) times those of 2.
+"""
 
 BANDS = (0, 16, 48, 128)
 """Azimuth frequencies at which the mixtures change."""
@@ -73,6 +83,7 @@ class Band:
 class Kernels:
     """One group of rings of one zone.
 
+    order       which of the terms that make a view in perspective; 0 without it
     zone        its index
     first_ring  rings first_ring, ..., first_ring + G - 1
     n_rings     G
@@ -83,6 +94,7 @@ class Kernels:
     bands       by frequency
     """
 
+    order: int
     zone: int
     first_ring: int
     n_rings: int
@@ -101,30 +113,16 @@ class Kernels:
         return replace(self, mixing=self.mixing.to(device), bands=tuple(band.to(device) for band in self.bands))
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Half vectors for Q polar angles of normals x S of a zone, with where they reflect the view to.
+def compute_group(
+    stored: StoredColumns, order: int, zone: Zone, rings: range, norms: Tensor, n_zones: int
+) -> Kernels:
+    """The kernels of one group of rings, or what perspective adds to them; without mixtures where that is nothing.
 
-    kernel   (Q, S)     cos(theta_i) times the zone's window
-    weights  (Q, S)     the same times the measure of the light
-    cells    (2, Q, S)  cells of the pair for delta > 0 and for its mirror image
-    beta, delta  (Q, S)  of the light, delta in [0, pi]
-    """
-
-    kernel: Tensor
-    weights: Tensor
-    cells: Tensor
-    beta: Tensor
-    delta: Tensor
-
-
-def compute_group(stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int) -> Kernels:
-    """The kernels of one group of rings.
-
+    order    0 of an orthographic camera, 1 and 2 of perspective
     norms    (n,)  of `column_norms`
     n_zones  among which the tolerance is shared, and among groups by their area in the image
     """
-    return _Group(stored, zone, rings, norms, n_zones).kernels()
+    return _Group(stored, order, zone, rings, norms, n_zones).kernels()
 
 
 def kernel_settings() -> list[object]:
@@ -132,16 +130,27 @@ def kernel_settings() -> list[object]:
     return [TOLERANCE, BANDS, _TRIM, TEXEL_ROWS, _AZIMUTHS, _MIXTURES, _GRAM_CELLS, *norm_settings()]
 
 
+def perspective_settings() -> list[object]:
+    """What the kernels that perspective adds depend on beside those."""
+    return [HELD_DISTANCE, _LOOSER, _TERMS]
+
+
 class _Group:
-    def __init__(self, stored: StoredColumns, zone: Zone, rings: range, norms: Tensor, n_zones: int) -> None:
-        self.stored, self.zone, self.rings, self.norms = stored, zone, rings, norms
+    def __init__(
+        self, stored: StoredColumns, order: int, zone: Zone, rings: range, norms: Tensor, n_zones: int
+    ) -> None:
+        self.stored, self.order, self.zone, self.rings, self.norms = stored, order, zone, rings, norms
         gamma, to_rings = zone.ring_quadrature
         to_rings = to_rings[rings.start : rings.stop]
         used = to_rings.amax(0) > 0
         self.to_rings = to_rings[:, used]
-        self.samples = _half_vectors(zone, gamma[used])
+        gamma = gamma[used]
+        tilt, azimuths = tilt_of(gamma), _AZIMUTHS[zone.index]
+        terms = [half_vectors(zone, gamma, part * tilt, azimuths).times(factor) for part, factor in _TERMS[order]]
+        self.samples = HalfVectors.sum_of(terms)
         share = zone.ring_measure[rings.start : rings.stop].sum() / zone.ring_measure.sum()
-        self.allowance = TOLERANCE * float(share / (n_zones * 2 * len(BANDS))) ** 0.5
+        tolerance = TOLERANCE * (_LOOSER if order else 1)
+        self.allowance = tolerance * float(share / (n_zones * 2 * len(BANDS))) ** 0.5
 
     def kernels(self) -> Kernels:
         mixtures, values, place = self._cell_mixtures()
@@ -158,14 +167,14 @@ class _Group:
             total += sum((vectors * size) @ vectors.T for size, vectors in pair)
             pairs.append([vectors for _, vectors in pair])
         size, basis = _principal(total)
-        basis = basis[:, : max(1, _needed(mixtures @ basis, size, self.allowance))]
+        basis = basis[:, : max(0 if self.order else 1, _needed(mixtures @ basis, size, self.allowance))]
         bands = []
         for (low, high), mixed in zip(low_high, pairs, strict=True):
             even, odd = (_reduced(part[..., low:high], v) for part, v in zip(parts / interpolated, mixed, strict=True))
             bands.append(Band(low, even, odd, *((v.T @ basis).float() for v in mixed)))
         mixing = (self.norms[:, None] * (mixtures @ basis)).float()
         return Kernels(
-            self.zone.index, self.rings.start, len(self.rings), places, first_row, mixing, tuple(bands)
+            self.order, self.zone.index, self.rings.start, len(self.rings), places, first_row, mixing, tuple(bands)
         )
 
     def _bands(self, parts: Tensor, scale: Tensor, mixtures: Tensor) -> list[tuple[int, int]]:
@@ -215,7 +224,8 @@ class _Group:
             rows = self._rows(cells[some]).double() * (step * importance[some]).sqrt()[:, None]
             gram += rows.T @ rows
         size, vectors = _principal(gram)
-        enough = min(max(1, _needed(vectors, size, 0.3 * self.allowance)), _MIXTURES)
+        allowance = self.allowance * (1 if self.order else 0.3)  # differences lose less
+        enough = min(max(1, _needed(vectors, size, allowance)), _MIXTURES)
         vectors = vectors[:, :enough]
         blocks = [self._rows(some) @ vectors.float() for some in cells.split(_ROWS_AT_ONCE)]
         return vectors, torch.cat(blocks), place
@@ -246,7 +256,7 @@ class _Group:
         for some in torch.arange(len(samples.weights)).split(max(1, _BLOCK // (n_nodes * 2 * r))):
             spread = torch.empty(len(some), n_nodes * 2 * r)
             for row, q in zip(spread, some.tolist(), strict=True):
-                seen = samples.weights[q] > 0
+                seen = samples.weights[q] != 0
                 columns = nodes[q][seen].reshape(-1, SUPPORT**2)
                 ends = torch.arange(0, columns.numel() + 1, SUPPORT**2)
                 matrix = csc_matrix(
@@ -280,32 +290,3 @@ def _needed(loadings: Tensor, size: Tensor, allowance: float) -> int:
     left = (loadings.square() * size).flip(1).cumsum(1).flip(1).sqrt()  # what components i, i + 1, ... hold
     most = torch.maximum(left.quantile(0.95, dim=0), left.amax(0) / 4)
     return int((most > allowance).sum())
-
-
-def _half_vectors(zone: Zone, gamma: Tensor) -> _Samples:
-    """Half vectors of a zone for normals at polar angles gamma (Q,), two in theta_h for each row of MERL's grid."""
-    edges = (torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)
-    edges = edges[: int((edges < zone.reach).sum()) + 1]
-    middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
-    theta_h = (middle[:, None] + half[:, None] * torch.tensor([-1.0, 1.0]) / 3**0.5).ravel()  # Gauss-Legendre
-    n = _AZIMUTHS[zone.index]
-    phi_h = (torch.arange(n, dtype=torch.float64) + 0.5) * (pi / n)
-    window, measure = zone.window(theta_h), half.repeat_interleave(2) * torch.sin(theta_h) * (pi / n)
-    lit = window > 0
-    theta_h, phi_h = torch.meshgrid(theta_h[lit], phi_h, indexing="ij")
-    window, measure = (values[lit].repeat_interleave(n) for values in (window, measure))
-    h = torch.stack([torch.sin(theta_h) * torch.cos(phi_h), torch.sin(theta_h) * torch.sin(phi_h), torch.cos(theta_h)])
-    h = h.flatten(1)[:, None]  # in the frame of the normal, whose first axis points down from the view direction
-    sine, cosine = torch.sin(gamma)[:, None], torch.cos(gamma)[:, None]
-    v = torch.stack([-sine, torch.zeros_like(sine), cosine])
-    along = (h * v).sum(0)
-    w = 2 * along * h - v
-    kernel = w[2] * window * ((along > 0) & (w[2] > 0))
-    weights = 4 * along * measure * kernel
-    x, z = w[0] * cosine + w[2] * sine, w[2] * cosine - w[0] * sine
-    beta, delta = torch.atan2(torch.hypot(x, w[1]), z), torch.atan2(w[1], x).abs()
-    local_i, local_o = torch.broadcast_tensors(w.movedim(0, -1), v.movedim(0, -1))
-    angles = half_difference(local_i, local_o)
-    theta_h = theta_h.ravel().expand_as(angles[0])
-    cells = torch.stack([cell_index(theta_h, angles[1], sign * angles[2]).long() for sign in (1, -1)])
-    return _Samples(kernel, weights, cells, beta, delta)

@@ -11,7 +11,7 @@ from torchbrdf.light import LightProbe, checked_rotation, rotation_of
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.harmonic.cache import transport_of
 from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight
-from torchbrdf.transport.harmonic.ring_lookup import unsuited
+from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
 _STEP = radians(0.15)
@@ -22,7 +22,8 @@ class HarmonicBasis:
     """What does not change when the probe turns.
 
     library   its transport is precomputed on first use, see `transport_of`
-    view      of an orthographic camera along -Z, without shadows: a `SphereView` or a `NormalMapView`
+    view      without shadows: a `SphereView`, in perspective of a camera at least `NEAREST` radii away, or a
+              `NormalMapView` of an orthographic camera along -Z
     progress  show it while the transport is precomputed
     lines     of the light, see `TurningLight`
     Raises ValueError for another view.
@@ -35,8 +36,9 @@ class HarmonicBasis:
         reason = unsuited(view)
         if reason is not None:
             raise ValueError(f'backend="harmonic" cannot render this view: {reason}; use backend="sampled"')
-        self.library, self.probe, self.view = library, probe, view
-        self.transport = transport_of(library, progress)
+        self.library, self.probe, self.view, self.lines = library, probe, view, lines
+        self.transport = transport_of(library, progress, in_perspective(view))
+        self._facing, self._frame = facing(view)
         self._light = TurningLight(probe.to(self.transport.device), lines)
         whole = library.materials == tuple(range(len(library.stored.names)))
         self._columns = None if whole else library.column_index.to(self.transport.device)
@@ -52,7 +54,7 @@ class HarmonicBasis:
         if rotation is not None:
             rotation = torch.as_tensor(rotation)
             checked_rotation(rotation)
-        packed = self.transport.packed(self._light.harmonics(rotation), self.view, self._columns)
+        packed = self.transport.packed(self._light_at(rotation), self._facing, self._columns)
         basis = BasisImages.of(packed, self.library, self.probe, self.view, "harmonic")
         if rotation is None:
             return basis
@@ -65,7 +67,7 @@ class HarmonicBasis:
         Raises ValueError for other weights, or where rotation is none.
         """
         self._check(weights, rotation)
-        return self._image(self._light.harmonics(rotation), weights)
+        return self._image(self._light_at(rotation), weights)
 
     def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
         """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
@@ -75,20 +77,29 @@ class HarmonicBasis:
         Raises ValueError for other weights, or where rotation is none.
         """
         self._check(weights, rotation)
+        turned = self._in_frame(rotation.double())
         changes: list[LightHarmonics] = []
         for axis in torch.eye(3, dtype=torch.float64)[:2]:
-            after, before = (
-                self._light.harmonics(rotation_of(sign * _STEP * axis) @ rotation.double()) for sign in (1, -1)
-            )
+            after, before = (self._light.harmonics(rotation_of(sign * _STEP * axis) @ turned) for sign in (1, -1))
             changes.append([
                 ((a - b) / (2 * _STEP), (ia - ib) / (2 * _STEP))
                 for (a, ia), (b, ib) in zip(after, before, strict=True)
             ])  # fmt: skip
         about_view: LightHarmonics = []
-        for light, multiple in self._light.harmonics(rotation):  # times exp(-i m angle), a turn about +Z
+        for light, multiple in self._light.harmonics(turned):  # times exp(-i m angle), a turn about +Z
             slope = torch.sin(torch.arange(len(light), device=light.device) * _STEP)[:, None, None] / _STEP
             about_view.append((-slope * multiple, slope * light))
-        return torch.stack([self._image(light, weights) for light in (*changes, about_view)])
+        change = torch.stack([self._image(light, weights) for light in (*changes, about_view)])
+        return change if self._frame is None else torch.einsum("ij,jcp->icp", self._frame.to(change), change)
+
+    def _light_at(self, rotation: Tensor | None) -> LightHarmonics:
+        """As the camera sees it that faces the shape."""
+        if rotation is None:
+            return self._light.harmonics(None if self._frame is None else self._frame.T)
+        return self._light.harmonics(self._in_frame(rotation))
+
+    def _in_frame(self, rotation: Tensor) -> Tensor:
+        return rotation if self._frame is None else self._frame.T.to(rotation) @ rotation
 
     def _check(self, weights: Tensor, rotation: Tensor | None) -> None:
         if weights.shape != (self.library.n, 3):
@@ -104,4 +115,4 @@ class HarmonicBasis:
             whole = weights.new_zeros(len(self.transport.groups[0].mixing), 3)
             whole[self._columns] = weights
             weights = whole
-        return torch.diagonal(self.transport.blended(light, self.view, weights)).T
+        return torch.diagonal(self.transport.blended(light, self._facing, weights)).T

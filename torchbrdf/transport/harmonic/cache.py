@@ -22,7 +22,13 @@ from tqdm import tqdm
 from torchbrdf.brdf import MaterialLibrary, StoredColumns, column_norms
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
-from torchbrdf.transport.harmonic._kernels import Band, Kernels, compute_group, kernel_settings
+from torchbrdf.transport.harmonic._kernels import (
+    Band,
+    Kernels,
+    compute_group,
+    kernel_settings,
+    perspective_settings,
+)
 from torchbrdf.transport.harmonic.grid import settings, zones
 from torchbrdf.transport.harmonic.transport import HarmonicTransport
 
@@ -33,43 +39,46 @@ _HEADROOM = 600e6
 _SUMMED = 256
 """Values of a block of the checksum."""
 
-_in_memory: LastFew[str, HarmonicTransport] = LastFew(2)
+_in_memory: LastFew[str, HarmonicTransport] = LastFew(4)
 
 
 @lasting
-def transport_of(library: MaterialLibrary, progress: bool = False) -> HarmonicTransport:
+def transport_of(library: MaterialLibrary, progress: bool = False, perspective: bool = False) -> HarmonicTransport:
     """The harmonic transport of all stored columns of a library, computed on first use: under a minute for 300.
 
+    perspective  with what it adds to the views of balls, which takes twice as long
     Libraries that live in the cache keep theirs beside it; those of tables in memory only as long as the process.
     Raises OSError where the disk has no room for it.
     """
     stored, device = library.stored, library.stored.columns.device
 
     def opened() -> HarmonicTransport:
-        if stored.mapping is not None or _path(stored).is_file():
-            found = _from_disk(stored, progress)
+        if stored.mapping is not None or _path(stored, perspective).is_file():
+            kernels = _from_disk(stored, perspective, progress)
         else:
-            found = _assembled(stored, None, progress)
-        return found if device.type == "cpu" else found.to(device)
+            kernels = _assembled(stored, perspective, None, progress)
+        kernels = tuple(group.to(device) for group in kernels)
+        return replace(transport_of(library, progress), added=kernels) if perspective else HarmonicTransport(kernels)
 
-    return _in_memory.get_or_make(f"{stored.fingerprint} {device}", opened)
-
-
-def is_precomputed(library: MaterialLibrary) -> bool:
-    """Whether `transport_of` would only read a file."""
-    return _path(library.stored).is_file()
+    return _in_memory.get_or_make(f"{stored.fingerprint} {device} {perspective}", opened)
 
 
-def _path(stored: StoredColumns) -> Path:
-    depends = json.dumps([_FORMAT, settings(), kernel_settings()])
-    key = hashlib.sha256((stored.fingerprint + depends).encode()).hexdigest()[:24]
+def is_precomputed(library: MaterialLibrary, perspective: bool = False) -> bool:
+    """Whether `transport_of` would only read files."""
+    return all(_path(library.stored, part).is_file() for part in {False, perspective})
+
+
+def _path(stored: StoredColumns, perspective: bool = False) -> Path:
+    """Of the kernels of an orthographic camera, or of what perspective adds."""
+    depends = [_FORMAT, settings(), kernel_settings(), *(perspective_settings() if perspective else [])]
+    key = hashlib.sha256((stored.fingerprint + json.dumps(depends)).encode()).hexdigest()[:24]
     return cache_folder() / "harmonic" / f"{key}.safetensors"
 
 
-def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
+def _from_disk(stored: StoredColumns, perspective: bool, progress: bool) -> tuple[Kernels, ...]:
     from filelock import FileLock
 
-    path = _path(stored)
+    path = _path(stored, perspective)
     path.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(path.with_suffix(".lock")):
         kernels = _read(path)
@@ -78,33 +87,35 @@ def _from_disk(stored: StoredColumns, progress: bool) -> HarmonicTransport:
             check_room(path.parent, _HEADROOM, "the harmonic transport")
             parts.mkdir(exist_ok=True)
             try:
-                built = _assembled(stored, parts, progress)
+                built = _assembled(stored, perspective, parts, progress)
             except KeyboardInterrupt:
                 message = "interrupted; the harmonic transport goes on from here when it is next asked for"
                 raise KeyboardInterrupt(message) from None
-            _write(path, built.groups)
+            _write(path, built)
             shutil.rmtree(parts, ignore_errors=True)
             kernels = _read(path)
             if kernels is None:
                 raise OSError(f"{path}: what was written reads back damaged; check the disk")
-        return HarmonicTransport(kernels)
+        return kernels
 
 
-def _assembled(stored: StoredColumns, parts: Path | None, progress: bool) -> HarmonicTransport:
+def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, progress: bool) -> tuple[Kernels, ...]:
     """Compute all groups, on the CPU; those already in a folder of parts are read."""
     stored = replace(stored, columns=stored.columns.cpu())
     groups: list[Kernels] = []
-    everything = [(zone, rings) for zone in zones() for rings in zone.groups]
+    orders = (1, 2) if perspective else (0,)
+    everything = [(order, zone, rings) for order in orders for zone in zones() for rings in zone.groups]
     norms = column_norms(stored)
-    for i, (zone, rings) in enumerate(tqdm(everything, "harmonic transport", disable=not progress, leave=False)):
+    what = "harmonic transport" + (", perspective" if perspective else "")
+    for i, key in enumerate(tqdm(everything, what, disable=not progress, leave=False)):
         part = None if parts is None else parts / f"{i}.safetensors"
         known = None if part is None else _read(part)
         if known is None:
-            known = (compute_group(stored, zone, rings, norms, len(zones())),)
+            known = (compute_group(stored, *key, norms, len(zones())),)
             if part is not None:
                 _write(part, known)
         groups.extend(known)
-    return HarmonicTransport(tuple(groups))
+    return tuple(group for group in groups if group.mixing.shape[1])
 
 
 def _tensors(groups: tuple[Kernels, ...]) -> Iterator[Tensor]:
@@ -117,8 +128,8 @@ def _tensors(groups: tuple[Kernels, ...]) -> Iterator[Tensor]:
 def _write(path: Path, groups: tuple[Kernels, ...]) -> None:
     layout = [
         {
-            "zone": group.zone, "first_ring": group.first_ring, "n_rings": group.n_rings, "places": group.places,
-            "first_row": group.first_row, "bands": [band.low for band in group.bands],
+            "order": group.order, "zone": group.zone, "first_ring": group.first_ring, "n_rings": group.n_rings,
+            "places": group.places, "first_row": group.first_row, "bands": [band.low for band in group.bands],
         }
         for group in groups
     ]  # fmt: skip
@@ -146,8 +157,8 @@ def _read(path: Path) -> tuple[Kernels, ...] | None:
     tensors = iter([part.view(shape) for part, shape in zip(values.split(sizes), shapes, strict=True)])
     return tuple(
         Kernels(
-            zone=entry["zone"], first_ring=entry["first_ring"], n_rings=entry["n_rings"], places=entry["places"],
-            first_row=entry["first_row"], mixing=next(tensors),
+            order=entry.get("order", 0), zone=entry["zone"], first_ring=entry["first_ring"], n_rings=entry["n_rings"],
+            places=entry["places"], first_row=entry["first_row"], mixing=next(tensors),
             bands=tuple(Band(low, *islice(tensors, 4)) for low in entry["bands"]),
         )
         for entry in layout

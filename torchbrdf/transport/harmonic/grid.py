@@ -35,6 +35,9 @@ _DUAL_REACH = 9
 
 RINGS_PER_GROUP = 12
 
+HELD_DISTANCE = 6.0
+"""In radii, of the camera from a ball in the strongest perspective that is held."""
+
 
 @dataclass(frozen=True)
 class Zone:
@@ -165,6 +168,16 @@ class Zone:
 def _handover(theta_h: Tensor, start: float, end: float) -> Tensor:
     t = ((radians(end) - theta_h) / radians(end - start)).clamp(0, 1)
     return t * t * (3 - 2 * t)
+
+
+def tilt_of(gamma: Tensor) -> Tensor:
+    """How far view directions are tilted away from the normal in the strongest perspective, on rings gamma.
+
+    A ring is named by the normal half way between the axis and the mirror direction: in perspective, the normal's
+    polar angle and half of the tilt. Where the ball ends, the view is grazing.
+    """
+    half = torch.atan2(torch.sin(gamma), 2 * HELD_DISTANCE - torch.cos(gamma))
+    return 2 * torch.minimum(half, pi / 2 - gamma)
 
 
 def zones() -> list[Zone]:

@@ -1,7 +1,8 @@
 """From rings of normals to the pixels of a view: averages over each pixel's area of the reflectance map.
 
 A view of an orthographic camera sees the same radiance wherever it sees the same normal. Here its pixels become sums
-over places on the rings of `grid`: splines across the rings, linear interpolation along them.
+over places on the rings of `grid`: splines across the rings, linear interpolation along them. A ball in perspective is
+looked up by the directions that it mirrors, and what perspective adds is interpolated in the tilt of the view.
 """
 
 from collections.abc import Sequence
@@ -12,8 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.transport.harmonic.grid import Zone
+from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT
+from torchbrdf.transport.harmonic.views import in_perspective
 from torchbrdf.view import View
 
 _POINTS = (10, 16, 24)
@@ -23,7 +25,6 @@ _SPREAD = 0.05
 """How far apart the normals of a pixel may be on the disc of a sphere of radius 1, for the first number of points."""
 
 _CHUNK = 256
-_ORTHOGRAPHIC = 1e-6
 
 
 @dataclass(frozen=True)
@@ -54,17 +55,21 @@ class RingLookup:
     groups: tuple[GroupLookup | None, ...]
 
     @staticmethod
-    def build(view: View, groups: Sequence[tuple[Zone, range, int]]) -> "RingLookup":
-        """For groups given by zone, rings and places along a ring. The view must not be `unsuited`."""
+    def build(view: View, groups: Sequence[tuple[int, Zone, range, int]]) -> "RingLookup":
+        """For groups given by order, zone, rings and places along a ring.
+
+        view  not `unsuited`, of a camera that is `facing` the shape
+        """
         points = _Points.of(view)
+        shares = (points.share, points.share * points.tilt, points.share * 4 * points.tilt * (1 - points.tilt))
         found = []
-        of_zone: dict[int, tuple[Tensor, Tensor]] = {}
-        for zone, rings, places in groups:
-            if zone.index not in of_zone:
+        of_zone: dict[tuple[int, int], tuple[Tensor, Tensor]] = {}
+        for order, zone, rings, places in groups:
+            if (order, zone.index) not in of_zone:
                 first, across = zone.ring_splines(points.gamma)
-                of_zone[zone.index] = (first, across * points.share[:, None])
+                of_zone[order, zone.index] = (first, across * shares[order][:, None])
             dual = zone.ring_dual[:, rings.start : rings.stop]
-            found.append(_group(points, *of_zone[zone.index], dual, places))
+            found.append(_group(points, *of_zone[order, zone.index], dual, places))
         return RingLookup(points.rank, tuple(found))
 
     def to(self, device: torch.device | str) -> "RingLookup":
@@ -74,16 +79,6 @@ class RingLookup:
             for g in self.groups
         ]
         return RingLookup(self.rank.to(device), tuple(groups))
-
-
-def unsuited(view: View) -> str | None:
-    """Why the harmonic transport cannot render a view; None where it can."""
-    if type(view).visibility is not View.visibility:
-        return f"{view!r} may shade itself"
-    toward = view.view_dirs[:, view.mask[0]]
-    if not bool((toward[2] > 1 - _ORTHOGRAPHIC).all()):
-        return f"the camera of {view!r} is not orthographic along -Z"
-    return None
 
 
 def place_of(azimuth: Tensor, places: int) -> Tensor:
@@ -103,8 +98,9 @@ class _Points:
 
     rank          (P,) int64: of the pixels by polar angle of their normals
     pixel         (N,) int64: its rank
-    gamma, alpha  (N,) float64: polar angle and azimuth of the normal
+    gamma, alpha  (N,) float64: polar angle and azimuth of the normal half way between +Z and the mirror direction
     share         (N,) of the pixel's area
+    tilt          (N,) of the view direction, relative to `tilt_of`
     """
 
     rank: Tensor
@@ -112,12 +108,13 @@ class _Points:
     gamma: Tensor
     alpha: Tensor
     share: Tensor
+    tilt: Tensor
 
     @staticmethod
     def of(view: View) -> "_Points":
         """More of them in pixels whose normals vary more."""
         pixels = view.pixels.cpu()
-        corners = _normals_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
+        corners, _ = _seen_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
         rank = torch.argsort(torch.argsort(corners[2].mean(1), descending=True))
         spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
         tier = torch.bucketize(spread, torch.tensor([_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]))
@@ -125,20 +122,29 @@ class _Points:
         for index, n in enumerate(_POINTS):
             node, weight = np.polynomial.legendre.leggauss(n)
             some = torch.nonzero(tier == index).ravel()
-            x, y, z = _normals_at(view, pixels[some], torch.tensor((node + 1) / 2)).flatten(1)
-            angles = torch.atan2(torch.hypot(x, y), z).clamp(0, pi / 2), torch.atan2(y, x)
+            normals, tilt = _seen_at(view, pixels[some], torch.tensor((node + 1) / 2))
+            (x, y, z), tilt = normals.flatten(1), tilt.flatten()
+            gamma = (torch.atan2(torch.hypot(x, y), z) + tilt / 2).clamp(0, pi / 2)
             weights = torch.tensor(np.outer(weight, weight).ravel() / 4).repeat(len(some))
             weights = torch.where(z > 0, weights, 0)  # a normal that faces away is dark
-            parts.append((rank[some].repeat_interleave(n * n), *angles, weights))
-        pixel, gamma, alpha, share = (torch.cat(part) for part in zip(*parts, strict=True))
+            held = tilt_of(gamma)
+            relative = torch.where(held > 0, tilt / held, 0)
+            parts.append((rank[some].repeat_interleave(n * n), gamma, torch.atan2(y, x), weights, relative))
+        pixel, *values = (torch.cat(part) for part in zip(*parts, strict=True))
         by_pixel = torch.argsort(pixel, stable=True)
-        return _Points(rank, pixel[by_pixel], gamma[by_pixel], alpha[by_pixel], share[by_pixel])
+        return _Points(rank, pixel[by_pixel], *(value[by_pixel] for value in values))
 
 
-def _normals_at(view: View, pixels: Tensor, at: Tensor) -> Tensor:
-    """(3, Q, n n) float64: normals at a grid of places inside pixels, in [0, 1) along both sides."""
+def _seen_at(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+    """Normals (3, Q, n n) float64 at a grid of places inside pixels, in [0, 1) along both sides.
+
+    And by how much (Q, n n) the view directions are tilted against +Z.
+    """
     v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
-    return view.surface(pixels, u, v).normals.double()
+    points = view.surface(pixels, u, v)
+    x, y, z = points.view_dirs.double()
+    tilt = torch.atan2(torch.hypot(x, y), z) if in_perspective(view) else torch.zeros_like(z)
+    return points.normals.double(), tilt
 
 
 def _group(points: _Points, first: Tensor, across: Tensor, dual: Tensor, places: int) -> GroupLookup | None:

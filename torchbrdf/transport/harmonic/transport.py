@@ -1,8 +1,9 @@
 """Basis images by precomputed transport: a new light probe costs a Fourier transform and some matrix products.
 
-For an orthographic camera the radiance on a ring of equal polar angles of the normal is a convolution over azimuth of
-the light with the ring's kernel. `_kernels` holds the kernels, compressed, once per library;
-`light` brings a probe into their terms; `ring_lookup` averages the rings over the pixels of a view.
+The radiance on a ring of equal polar angles of the normal, of an orthographic camera's view or of a ball's in
+perspective, is a convolution over azimuth of the light with the ring's kernel. `_kernels` holds the kernels,
+compressed, once per library; `light` brings a probe into their terms; `ring_lookup` averages the rings over the pixels
+of a view.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from torchbrdf.transport.harmonic._kernels import Kernels
 from torchbrdf.transport.harmonic.grid import zones
 from torchbrdf.transport.harmonic.light import LightHarmonics
 from torchbrdf.transport.harmonic.ring_lookup import RingLookup
+from torchbrdf.transport.harmonic.views import in_perspective
 from torchbrdf.view import View
 
 
@@ -27,27 +29,34 @@ class HarmonicTransport:
     """The light-independent side of the basis images of one library.
 
     groups  of rings, of all zones
+    added   to them by perspective; empty where no view needs that
     """
 
     groups: tuple[Kernels, ...]
+    added: tuple[Kernels, ...] = ()
     _lookups: LastFew[str, RingLookup] = field(default_factory=lambda: LastFew(4), repr=False)
 
     def __repr__(self) -> str:
         """Size."""
-        return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings)"
+        added = f" and {len(self.added)} of perspective" if self.added else ""
+        return f"HarmonicTransport(n = {len(self.groups[0].mixing)}, {len(self.groups)} groups of rings{added})"
 
     @lasting
     def lookup(self, view: View) -> RingLookup:
-        """How the view's pixels see the rings; remembered for the last few views."""
+        """How the pixels of a view that is `facing` the shape see the rings; remembered for the last few views."""
         return self._lookups.get_or_make(view.fingerprint, lambda: self._lookup_of(view))
 
     def _lookup_of(self, view: View) -> RingLookup:
         all_zones = zones()
         shapes = []
-        for group in self.groups:
+        for group in self._groups_of(view):
             zone = all_zones[group.zone]
-            shapes.append((zone, range(group.first_ring, group.first_ring + group.n_rings), group.places))
+            rings = range(group.first_ring, group.first_ring + group.n_rings)
+            shapes.append((group.order, zone, rings, group.places))
         return RingLookup.build(view, shapes).to(self.device)
+
+    def _groups_of(self, view: View) -> tuple[Kernels, ...]:
+        return self.groups + self.added if in_perspective(view) else self.groups
 
     @property
     def device(self) -> torch.device:
@@ -82,7 +91,7 @@ class HarmonicTransport:
     ) -> Iterator[tuple[Kernels, slice, Tensor]]:
         """Every group of rings, the pixels that see it, and its mixtures (3 Q, R) there or their blends (3 Q, C)."""
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
-        for group, seen in zip(self.groups, self.lookup(view).groups, strict=True):
+        for group, seen in zip(self._groups_of(view), self.lookup(view).groups, strict=True):
             if seen is None:
                 continue
             mixes = None if blend is None else group.mixes(blend)
@@ -98,7 +107,8 @@ class HarmonicTransport:
 
     def to(self, device: torch.device | str) -> "HarmonicTransport":
         """On another device."""
-        return HarmonicTransport(tuple(group.to(device) for group in self.groups))
+        groups, added = (tuple(group.to(device) for group in each) for each in (self.groups, self.added))
+        return HarmonicTransport(groups, added)
 
 
 def frequencies_of(light: Tensor) -> int:

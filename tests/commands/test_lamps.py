@@ -1,0 +1,51 @@
+"""What `torchbrdf fit` says of lamps at which its probe may be clipped."""
+
+import math
+import warnings
+from types import SimpleNamespace
+
+import pytest
+import torch
+from torch import Tensor
+
+from torchbrdf.alignment.lamps import LampRadiance
+from torchbrdf.commands._alignment import warn_of_lamps
+from torchbrdf.light.probe import LightProbe
+
+
+def sky(texels: int) -> Tensor:
+    """(3, 32, 64) noise, with so many texels at one maximum."""
+    radiance = 0.5 + torch.rand(3, 32, 64, generator=torch.Generator().manual_seed(0))
+    radiance[:, 10, 20 : 20 + texels] = 30.0
+    return radiance
+
+
+def found(probe: LightProbe, std: float) -> SimpleNamespace:
+    ones = torch.ones(3, dtype=torch.float64)
+    return SimpleNamespace(lamp=LampRadiance(probe.lamps, ones, std * ones, math.inf))
+
+
+def test_a_plateau_is_warned_of_without_alignment() -> None:
+    text = r"^light probe: 5 texels of 30 \(row 10, columns 20 to 24, counted from 0\), its brightest, look clipped; --"
+    with pytest.warns(UserWarning, match=text):
+        warn_of_lamps(LightProbe(sky(5)), None)
+
+
+@pytest.mark.parametrize("radiance", [sky(1), sky(2), LightProbe.default(64).radiance])
+def test_no_false_alarm(radiance: Tensor) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_lamps(LightProbe(radiance), None)
+
+
+def test_what_the_photograph_cannot_tell() -> None:
+    probe = LightProbe(sky(5))
+    with pytest.warns(UserWarning, match="this photograph cannot tell their radiance for sure"):
+        warn_of_lamps(probe, found(probe, 2.0))
+
+
+def test_nothing_is_said_of_what_is_told() -> None:
+    probe = LightProbe(sky(5))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_lamps(probe, found(probe, 0.1))

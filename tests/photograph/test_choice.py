@@ -1,0 +1,96 @@
+"""Which ball is meant, and what is said where that is not clear."""
+
+import warnings
+
+import pytest
+import torch
+
+from photographs_of_balls import off, photographed
+from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.images import Window
+from torchbrdf.photograph import Circle, locate
+
+SIZE = (160, 240)
+LARGE, SMALL = Circle(80.0, 72.6, 38.4), Circle(190.0, 100.0, 25.0)
+
+
+@pytest.fixture(autouse=True)
+def no_warnings():
+    """Unless a test expects them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def test_the_largest_is_taken_and_that_is_said():
+    silhouette, told = locate(photographed(SIZE, [SMALL, LARGE]))
+    assert off(silhouette, LARGE) < 0.15
+    assert told.startswith("ball 1 of 2 found, to 0.")
+
+
+def test_another_by_its_number():
+    silhouette, told = locate(photographed(SIZE, [SMALL, LARGE]), number=2)
+    assert off(silhouette, SMALL) < 0.3
+    assert told.startswith("ball 2 of 2 found")
+
+
+def test_a_number_that_is_none():
+    with pytest.raises(
+        ValueError, match=r"^--ball 3 is not among the balls found, 1: circle at \(80\.0, 72\.\d\), rad"
+    ):
+        locate(photographed(SIZE, [SMALL, LARGE]), number=3)
+
+
+def test_two_of_like_size_need_a_number():
+    image = photographed(SIZE, [LARGE, Circle(190.0, 100.0, 37.0)])
+    with pytest.raises(
+        ValueError, match=r"^several balls of like size are found, 1: circle .*; 2: circle .*: --ball N$"
+    ):
+        locate(image)
+    assert off(locate(image, number=1)[0], LARGE) < 0.15
+
+
+def test_no_ball():
+    with pytest.raises(
+        ValueError, match=r"^no ball is found; off the middle .* --fov\. To use one, give its place, --circle X"
+    ):
+        locate(photographed(SIZE, []))
+
+
+def test_a_ball_of_which_too_much_is_cut():
+    with pytest.raises(
+        ValueError, match=r"^the photograph's border cuts off 4\d% of the ball, circle .*at most a third"
+    ):
+        locate(photographed(SIZE, [Circle(120.0, 8.0, 52.0)]))
+
+
+def test_an_ellipse_without_a_camera_or_with_another():
+    ball = Ball(PinholeCamera.of_fov(SIZE, 45), (0.26, 0.12, -1.0), 7.5)
+    image = photographed(SIZE, [ball])
+    with pytest.raises(
+        ValueError, match=r"is an ellipse, .*no camera is known, .*: --fov (3|4|5)\d would make it one; or"
+    ):
+        locate(image)
+    with pytest.raises(
+        ValueError, match=r"no sphere's in a camera of 15 degrees across: --fov (3|4|5)\d would make it "
+    ):
+        locate(image, PinholeCamera.of_fov(SIZE, 15))
+    assert off(locate(image, PinholeCamera.of_fov(SIZE, 45))[0], ball) < 0.15
+
+
+@pytest.mark.parametrize("image", [torch.ones(3, 64, 64), photographed((64, 64), [Circle(32, 32, 32)])])
+def test_a_crop_to_the_ball_is_its_inscribed_circle(image):
+    assert locate(image) == (Circle(32, 32, 32), "as large as the photograph")
+
+
+def test_what_was_recorded_may_be_such_a_crop():
+    image = torch.full((3, 150, 200), torch.nan)
+    image[:, 50:114, 90:154] = photographed((64, 64), [Circle(32, 32, 32)])
+    found = locate(image, window=Window(90, 50, 64, 64))
+    assert found == (Circle(122, 82, 32), "as large as what was recorded")
+
+
+def test_a_ball_in_a_square_photograph_is_found():
+    ball = Circle(90.0, 70.0, 40.0)
+    silhouette, _ = locate(photographed((180, 180), [ball]))
+    assert off(silhouette, ball) < 0.15

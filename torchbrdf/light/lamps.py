@@ -1,0 +1,122 @@
+"""Lamps that a picture of light may be too narrow for: its texels at the ceiling of their channel.
+
+Radiance is linear in theirs, so it is kept beside the whole, resampled alike: times a factor, it gives the probe whose
+lamp is brighter. Found among the picture's own pixels, before resampling blurs their plateau.
+"""
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import torch
+from torch import Tensor
+
+from torchbrdf.light._soundness import place
+
+LARGEST_SHARE = 0.005
+"""Of the sphere, up to which texels at the ceiling can be a lamp: a disc of 8 degrees' radius."""
+
+_ROUNDING = 1e-3
+_LEAST_CONTRAST = 3.0
+"""How many times as bright as the mean a lamp is."""
+
+_CERTAIN_TEXELS = 4
+_MOST_EQUAL = 0.1
+"""Share of bright neighbours that hold the same numbers, up to which a picture is a photograph and not computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lamps:
+    """The texels of a probe that may be clipped.
+
+    radiance  (3, H, 2 H): what the probe's radiance has of them; 0 in channels that are below their ceiling
+    about     how many of the picture's own texels they are, where, and what they hold, in words
+    unknown   they were infinite: their radiance is only where a search begins
+    certain   they are clipped, and not just as bright as each other
+    """
+
+    radiance: Tensor
+    about: str
+    unknown: bool
+    certain: bool
+
+    @property
+    def channels(self) -> Tensor:
+        """(3,) bool, on the CPU: those in which they may be clipped."""
+        return (self.radiance.detach() > 0).flatten(1).any(1).cpu()
+
+    def of(self, radiance: Tensor) -> "Lamps":
+        """The same lamps resampled."""
+        return replace(self, radiance=radiance)
+
+
+def bounded(picture: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """A picture (3, h, w) with its infinite values at its largest finite one, and (3, h, w) bool where those were.
+
+    weights   (h, w) or (h, 1): solid angles; texels of 0 do not count
+    """
+    used = (weights > 0).expand(picture.shape[1:])
+    infinite = (picture == inf) & used
+    finite = picture[torch.isfinite(picture) & used]
+    return (torch.where(infinite, finite.max(), picture) if len(finite) else picture), infinite
+
+
+def lamps_of(picture: Tensor, weights: Tensor, infinite: Tensor | None = None) -> Lamps | None:
+    """The lamps of a sound picture (3, h, w), with radiance in its own pixels; None where there are none.
+
+    weights   (h, w) or (h, 1): solid angles up to a factor
+    infinite  (3, h, w) bool: of `bounded`
+    Texels at the largest value of their channel, beside another such one, or alone where all channels are largest;
+    together no larger than LARGEST_SHARE, and bright. Infinite texels are lamps of any size.
+    """
+    values, weights = picture.detach(), weights.expand(picture.shape[1:])
+    unknown = infinite is not None and bool(infinite.any())
+    clipped = infinite if infinite is not None and unknown else _at_ceiling(values, weights)
+    texels = clipped.any(0)
+    count = int(texels.sum())
+    if count == 0:
+        return None
+    held = sorted({float(f"{value:.4g}") for value in values[clipped].tolist()})
+    span = (
+        "infinite"
+        if unknown
+        else " or ".join(f"{value:g}" for value in (held if len(held) < 4 else held[:: len(held) - 1]))
+    )
+    return Lamps(
+        radiance=torch.where(clipped, picture, 0),
+        about=f"{count} texel{'' if count == 1 else 's'} of {span} ({place(texels)})",
+        unknown=unknown,
+        certain=unknown or _certain(values, clipped),
+    )
+
+
+def _at_ceiling(values: Tensor, weights: Tensor) -> Tensor:
+    """(3, h, w) bool: the texels that may be clipped; none where they are too many or too dim."""
+    ceiling = values.amax((1, 2), keepdim=True)
+    flags = (values >= ceiling * (1 - _ROUNDING)) & (weights > 0)
+    share = weights / weights.sum()
+    if float((share * flags.any(0)).sum()) > LARGEST_SHARE:
+        return torch.zeros_like(flags)
+    flags &= ceiling > _LEAST_CONTRAST * (values * share).sum((1, 2), keepdim=True)
+    wrapped = torch.cat([flags[..., -1:], flags, flags[..., :1]], -1).float()
+    plateau = flags & (torch.nn.functional.avg_pool2d(wrapped, 3, 1, (1, 0)) > 1.5 / 9)
+    return plateau if bool(plateau.any()) else flags & flags.all(0)
+
+
+def _certain(values: Tensor, clipped: Tensor) -> bool:
+    """Whether texels are as bright as each other because they are clipped.
+
+    A lamp of one radiance looks so, too, in a picture that was computed, where other neighbours are equal as well. In a
+    photograph they are not; and its channels are clipped at one level, or over other regions.
+    """
+    texels = clipped.any(0)
+    if int(texels.sum()) < _CERTAIN_TEXELS:
+        return False
+    bright = (values.mean(0) > values.mean()) & ~texels
+    pairs = bright[:, 1:] & bright[:, :-1]
+    equal = (values[..., 1:] == values[..., :-1]).all(0) & pairs
+    if float(equal.sum()) > _MOST_EQUAL * float(pairs.sum()):
+        return False
+    levels = torch.where(clipped, values, 0).amax((1, 2))
+    levels = levels[levels > 0]
+    one_level = len(levels) > 1 and float(levels.max() - levels.min()) <= _ROUNDING * float(levels.max())
+    return one_level or bool((texels != clipped.all(0)).any())

@@ -1,0 +1,130 @@
+"""Which of the balls in a photograph is meant, or what to do where that is not clear."""
+
+from __future__ import annotations
+
+import warnings
+
+import torch
+from torch import Tensor
+
+from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.images import Window
+from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, find_balls
+from torchbrdf.photograph.silhouette import SNAP, Circle
+
+_LIKE_SIZE = 0.9
+"""From this ratio of radii on the larger is not meant by its size."""
+
+_MOST_OUTSIDE = 1 / 3
+_CLEAR_RIM, _CLEAR_SCORE = 0.55, 1.0
+_FOVS = torch.linspace(4, 140, 273).tolist()
+_WELL = 0.5
+"""Of the deviation from a ball that may be left where another field of view explains it."""
+
+_INSTEAD = "give its place, --circle X Y R in pixels, or a --mask"
+
+
+def locate(
+    image: Tensor,
+    camera: PinholeCamera | None = None,
+    usable: Tensor | None = None,
+    window: Window | None = None,
+    number: int | None = None,
+) -> tuple[Circle | Ball, str]:
+    """The ball in a photograph that has no mask, and how it was found, for people.
+
+    window  the part of the photograph that was recorded; None for all
+    number  of the ball, counted from 1, the largest; None for the largest
+    A square photograph (or window) in which no other ball is seen is a crop to the ball, which fills it.
+    Warns where another ball than that may be meant.
+    Raises ValueError where there is no ball, or none for certain; for two of like size without a number; for one of
+    which more than a third is cut off, and for an outline that no sphere has before the camera.
+    """
+    height, width = image.shape[-2:]
+    found = find_balls(image, camera, usable)
+    balls = [ball for ball in found if ball.sure]
+    parts = {"the photograph": Window(0, 0, width, height)} | ({"what was recorded": window} if window else {})
+    square = {what: part for what, part in parts.items() if abs(part.width - part.height) < SNAP}
+    if number is None and square:
+        what, part = square.popitem()
+        crop = Circle.inscribed(part)
+        others = [ball for ball in balls if ball.circle.differs(crop) >= SNAP]
+        if not any(_beyond_doubt(ball) for ball in others):
+            _doubt(others)
+            filling = crop if camera is None else Ball.of_circle(camera, crop.x, crop.y, crop.radius)
+            return filling, f"as large as {what}"
+    if not balls:
+        unknown = (
+            "" if camera is not None else "; off the middle it is an ellipse, for which the camera is needed: --fov"
+        )
+        seen = f"no ball is found for certain; there may be one, {found[0]}" if found else "no ball is found"
+        raise ValueError(f"{seen}{unknown}. To use one, {_INSTEAD}")
+    ball = the_ball(balls, number)
+    _check(ball, camera, (height, width))
+    place = balls.index(ball) + 1
+    deviation = max(ball.std)
+    return (
+        ball.silhouette,
+        f"ball {place} of {len(balls)} found, to {deviation:.2g} pixels, {ball.rim:.0%} of its rim seen",
+    )
+
+
+def the_ball(balls: list[FoundBall], number: int | None) -> FoundBall:
+    """The largest of balls, the largest first, or the one with a number."""
+    listed = "; ".join(f"{i}: {ball}" for i, ball in enumerate(balls, 1))
+    if number is not None:
+        if number > len(balls):
+            raise ValueError(f"--ball {number} is not among the balls found, {listed}")
+        return balls[number - 1]
+    if len(balls) > 1 and balls[1].circle.radius > _LIKE_SIZE * balls[0].circle.radius:
+        raise ValueError(f"several balls of like size are found, {listed}; say which: --ball N")
+    return balls[0]
+
+
+def _beyond_doubt(ball: FoundBall) -> bool:
+    """Whether a circle is hardly a reflection in a ball that fills a crop."""
+    return ball.rim >= _CLEAR_RIM * (1 - ball.outside) and ball.score >= _CLEAR_SCORE
+
+
+def _doubt(others: list[FoundBall]) -> None:
+    if others:
+        message = f"the ball is taken to fill the photograph; if it is {others[0]}, then {_INSTEAD}"
+        warnings.warn(message, UserWarning, stacklevel=3)
+
+
+def _check(ball: FoundBall, camera: PinholeCamera | None, size: tuple[int, int]) -> None:
+    """Raise where a found outline cannot be used."""
+    if ball.outside > _MOST_OUTSIDE:
+        raise ValueError(
+            f"the photograph's border cuts off {ball.outside:.0%} of the ball, {ball}; "
+            "at most a third may be missing: photograph all of it"
+        )
+    if not ball.round:
+        off = ball.flattened[0] / ball.circle.radius * FITTED_RADIUS
+        fov = fitting_fov(ball.edge, camera or PinholeCamera.of_fov(size, _FOVS[0]))
+        before = (
+            "no camera is known, for which it would be a sphere's" if camera is None else f"no sphere's in a {camera}"
+        )
+        would = "give --fov" if fov is None else f"--fov {fov:.0f} would make it one"
+        raise ValueError(
+            f"the outline of the ball, {ball}, is an ellipse, {off:.1f} pixels of {2 * FITTED_RADIUS} off, and "
+            f"{before}: {would}; or {_INSTEAD}"
+        )
+
+
+def fitting_fov(edge: Tensor, camera: PinholeCamera) -> float | None:
+    """The field of view with which an outline (n, 2) would be a sphere's; None where none is much better than others.
+
+    Directions d of a cone fulfil d . u = 1 for its middle over the cosine of its radius, which is linear in u.
+    """
+    if any(camera.distortion):
+        return None
+
+    def deviation(fov_deg: float) -> float:
+        trial = PinholeCamera.of_fov(camera.size, fov_deg, camera.principal)
+        rays = trial.rays(edge.double())
+        cone = torch.linalg.lstsq(rays, torch.ones(len(edge), 1, dtype=torch.float64)).solution
+        return float((rays @ cone - 1).norm() / (cone.square().sum() - 1).clamp_min(1e-12).sqrt()) * trial.focal
+
+    best = min(_FOVS, key=deviation)
+    return best if deviation(best) < _WELL * deviation(camera.fov_deg) else None

@@ -1,0 +1,203 @@
+"""Where balls are in a whole photograph, from their outlines alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import hypot, pi
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.photograph._candidates import Place, seek
+from torchbrdf.photograph._charts import Chart, chart_of
+from torchbrdf.photograph._outline import Outline
+from torchbrdf.photograph._pyramid import Pyramid
+from torchbrdf.photograph.silhouette import Circle
+
+FITTED_RADIUS = 32
+"""Pixels of the ball's radius in which deviations are told: of a photograph at 64 x 64."""
+
+_CANDIDATES, _FIRST, _LIKELY = 32, 4, 10
+_FLOOR = 0.05
+"""Of the median radiance: smaller differences are noise."""
+
+_ROUGH_RADIUS, _ROUGH_REACH, _ROUGH_RAYS = 40, 0.12, 96
+_FINE_RADIUS, _FINE_RAYS = 128, 300
+_STAGES: tuple[tuple[float, tuple[float, ...]], ...] = ((0.07, (0.7, 1.2)), (0.03, (0.45, 0.6, 0.8, 1.05, 1.4, 1.85)))
+"""How far the outline may move, in radii, and how blurred it may be, in pixels."""
+
+_LEAST_REACH = 3.0
+_HOPELESS = 0.15
+"""Score below which an outline is not refined."""
+
+_SAME, _COVERED = 0.03, 0.5
+"""In radii, how near two starts are the same; the share of a circle that may lie in a better one."""
+
+_DEEP, _NEARLY_AS_GOOD = 0.8, 0.5
+"""Ratios of radii and of scores: a circle that lies in another is seen in it, and is not before it."""
+
+_LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.36, 0.7
+_MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
+"""In pixels of FITTED_RADIUS."""
+
+_CERTAIN = 2.5
+"""Standard deviations."""
+
+_EDGE_POINTS = 128
+
+
+@dataclass(frozen=True)
+class FoundBall:
+    """A ball in a photograph.
+
+    silhouette  a circle, or a ball before the camera where that is known
+    std         of x, y and radius: standard deviations in pixels of the photograph
+    rim         share of its rim that is seen as an edge
+    outside     share of its disc that the photograph's border cuts off
+    score       by how much likelier than elsewhere its rim is there: the mean of a logarithm
+    edge        (n, 2): what is seen as its outline, in pixels, an ellipse that need be no ball's
+    flattened   by how much that leaves a ball's, in pixels, and the standard deviation
+    """
+
+    silhouette: Circle | Ball
+    std: tuple[float, float, float]
+    rim: float
+    outside: float
+    score: float
+    edge: Tensor
+    flattened: tuple[float, float]
+
+    def __str__(self) -> str:
+        """For people."""
+        return f"{self.silhouette}, {self.rim:.0%} of its rim seen"
+
+    @cached_property
+    def circle(self) -> Circle:
+        """With the centre and the area of the silhouette."""
+        return self.silhouette if isinstance(self.silhouette, Circle) else Circle(*self.silhouette.circle)
+
+    @property
+    def round(self) -> bool:
+        """Whether it may be the outline of a ball, before the camera that was given."""
+        amplitude, std = self.flattened
+        return amplitude <= max(_MOST_ELLIPSE * self.circle.radius / FITTED_RADIUS, _CERTAIN * std)
+
+    @property
+    def sure(self) -> bool:
+        """Whether enough of the rim is seen, and agrees."""
+        enough = self.rim >= _SURE_RIM * (1 - self.outside) and self.score >= _SURE_SCORE * (1 - self.outside)
+        return enough and max(self.std) <= _MOST_STD * self.circle.radius / FITTED_RADIUS
+
+
+def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tensor | None = None) -> list[FoundBall]:
+    """What may be balls in a photograph, the largest first.
+
+    image   (3, H, W)  linear radiance
+    camera  of the whole photograph; None where it is not known: outlines are circles
+    usable  (1, H, W)  bool, True = use; None uses all that is finite
+    Edges vote for circles in a plane where outlines are circles. Each is fitted to edges across its rim, coarsely and
+    then finely; of those that overlap the best is kept. Background, reflections, stands and shadows weaken an outline
+    and do not move it. Not all are `sure`.
+    """
+    pyramid, chart = Pyramid.of(image, usable), chart_of(camera)
+    coarsest = pyramid.levels[-1]
+    known = coarsest[np.isfinite(coarsest).all(-1)]
+    floor = _FLOOR * float(np.median(known)) if known.size else 0.0
+    if not 0 < floor < np.inf:
+        return []
+    refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
+    seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
+    found = [_found(outline, chart, pyramid.size) for outline in _outermost(seen)]
+    return sorted(found, key=lambda one: -one.circle.radius)
+
+
+def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
+    """From where to refine: the likeliest circles, and the best of all after a rough fit."""
+    places = seek(pyramid, chart, floor, _CANDIDATES)
+    rough = [
+        Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
+        for place in places
+    ]
+    likely = [one.place for one in _distinct([one for one in rough if one is not None])[:_LIKELY]]
+    return likely + [place for place in places[:_FIRST] if not any(_alike(place, one) for one in likely)]
+
+
+def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
+    """The outline near a place; None where there is none."""
+    for reach, blurs in _STAGES:
+        radius = min(place[2], _FINE_RADIUS)
+        n = int(min(_FINE_RAYS, 2 * pi * radius))
+        farthest = max(reach, _LEAST_REACH / radius)
+        outline = Outline.near(pyramid, chart, place, wanted=_FINE_RADIUS, reach=farthest, n=n, blurs=blurs)
+        if outline is None or outline.score < _HOPELESS:
+            return None
+        place = outline.place
+    return outline
+
+
+def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall:
+    """In the photograph."""
+    x, y, radius = outline.place
+    silhouette = chart.silhouette(x, y, radius)
+    std_x, std_y, std_radius = (radius * outline.std).tolist()
+    ellipse = outline.ellipse
+    edge = torch.from_numpy(chart.to_photograph(ellipse.points(_EDGE_POINTS)))
+    return FoundBall(
+        silhouette,
+        (std_x, std_y, std_radius),
+        outline.share,
+        _outside(silhouette, size),
+        outline.score,
+        edge,
+        (radius * ellipse.amplitude, radius * ellipse.std),
+    )
+
+
+def _distinct(outlines: list[Outline]) -> list[Outline]:
+    """The best of those that are the same, best first."""
+    kept: list[Outline] = []
+    for outline in sorted(outlines, key=lambda one: -one.score):
+        if not any(_alike(outline.place, other.place) for other in kept):
+            kept.append(outline)
+    return kept
+
+
+def _outermost(outlines: list[Outline]) -> list[Outline]:
+    """The best of those that overlap; but what lies deep in another that is nearly as good is a reflection in it."""
+    kept: list[Outline] = []
+    for outline in sorted(outlines, key=lambda one: -one.score):
+        over = [other for other in kept if _covered(outline.place, other.place)]
+        if all(
+            other.place[2] < _DEEP * outline.place[2] and outline.score > _NEARLY_AS_GOOD * other.score
+            for other in over
+        ):
+            kept = [*(other for other in kept if other not in over), outline]
+    return kept
+
+
+def _differ(a: Place, b: Place) -> float:
+    return max(abs(p - q) for p, q in zip(a, b, strict=True)) / min(a[2], b[2])
+
+
+def _alike(a: Place, b: Place) -> bool:
+    return _differ(a, b) < _SAME
+
+
+def _covered(a: Place, b: Place) -> bool:
+    """Whether much of the smaller lies in the larger."""
+    small, large = sorted((a, b), key=lambda one: one[2])
+    distance = hypot(small[0] - large[0], small[1] - large[1])
+    return distance + small[2] * (2 * _COVERED - 1) < large[2]
+
+
+def _outside(silhouette: Circle | Ball, size: tuple[int, int]) -> float:
+    """Share of a disc beyond the photograph's border."""
+    circle = silhouette if isinstance(silhouette, Circle) else Circle(*silhouette.circle)
+    across = torch.linspace(-1, 1, 101)
+    x, y = torch.meshgrid(across, across, indexing="xy")
+    disc = x**2 + y**2 <= 1
+    x, y = circle.x + circle.radius * x[disc], circle.y + circle.radius * y[disc]
+    return float(((x < 0) | (y < 0) | (x > size[1]) | (y > size[0])).float().mean())

@@ -1,0 +1,48 @@
+"""Which views the harmonic transport serves, and from where it looks at them."""
+
+from math import asin, degrees
+
+from torch import Tensor
+
+from torchbrdf.transport.harmonic.grid import HELD_DISTANCE
+from torchbrdf.view import SphereView, View
+
+NEAREST = HELD_DISTANCE
+"""Least distance in radii of a perspective camera from the middle of a ball; docs/transport.md tells the errors."""
+
+_ROUNDING = 1e-3
+"""Of the distance, for a field of view that is rounded to a tenth of a degree."""
+
+_ORTHOGRAPHIC = 1e-6
+
+
+def unsuited(view: View) -> str | None:
+    """Why the harmonic transport cannot render a view; None where it can."""
+    if type(view).visibility is not View.visibility:
+        return f"{view!r} may shade itself"
+    if type(view) is SphereView:
+        if view.fov_deg is None or view.framing.distance >= NEAREST * (1 - _ROUNDING):
+            return None
+        return (
+            f"the camera of {view!r} is {view.framing.distance:.3g} radii from the ball's middle, nearer than "
+            f"{NEAREST:g} (fov_deg={2 * degrees(asin(1 / NEAREST)):.1f})"
+        )
+    toward = view.view_dirs[:, view.mask[0]]
+    if not bool((toward[2] > 1 - _ORTHOGRAPHIC).all()):
+        return f"the camera of {view!r} is not orthographic along -Z"
+    return None
+
+
+def in_perspective(view: View) -> bool:
+    """Whether a view that is not `unsuited` needs the kernels of perspective."""
+    return type(view) is SphereView and view.fov_deg is not None
+
+
+def facing(view: View) -> tuple[View, Tensor | None]:
+    """The view of a camera that looks at the middle of the shape, and the rotation (3, 3) from its frame to the view's.
+
+    None where that is the frame of the view itself.
+    """
+    if type(view) is not SphereView or view.direction == (0.0, 0.0, -1.0):
+        return view, None
+    return SphereView(view.size[0], view.fov_deg), view.rotation
