@@ -139,7 +139,14 @@ class RotationSearch:
             gradient, precision = self._slope(trial)
             return gradient - prior @ turn(trial), precision + prior
 
-        top = ascend(start, log_posterior, slope, lambda trial, step: self.trial(rotation_of(step) @ trial.rotation))
+        top = ascend(
+            start,
+            log_posterior,
+            slope,
+            lambda trial, step: self.trial(rotation_of(step) @ trial.rotation),
+            1.0,
+            MOST_STEPS,
+        )
         volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
         return Summit(top.best, top.precision, top.height + volume, top.converged)
 
@@ -206,8 +213,8 @@ def ascend(
     height: Callable[[Place], float],
     slope: Callable[[Place], tuple[Tensor, Tensor]],
     moved: Callable[[Place, Tensor], Place],
-    longest_stretch: float = 1.0,
-    most_steps: int = MOST_STEPS,
+    longest_stretch: float,
+    most_steps: int,
 ) -> Top[Place]:
     """Gauss-Newton steps uphill, shorter ones where they led down, longer ones while they lead up.
 
