@@ -126,7 +126,8 @@ def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotogr
         ball, origin = find_silhouette(one, photograph, camera)
         if not isinstance(ball, Ball):
             raise ValueError("the ball needs its camera")
-        found = MirrorPhotograph(photograph.image, ball, photograph.usable[0])
+        marked = None if photograph.mask is None else photograph.mask[0]  # NaN pixels count: they are told
+        found = MirrorPhotograph(photograph.image, ball, marked)
     if found.empty:
         warnings.warn(
             f"{path}: {found.empty} pixels of the ball hold no radiance (NaN) and are filled from around them; a lamp "
