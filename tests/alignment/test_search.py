@@ -147,7 +147,7 @@ def test_starting_at_the_top(searches: dict[str, RotationSearch]) -> None:
 
 def test_out_of_steps(searches: dict[str, RotationSearch], monkeypatch: pytest.MonkeyPatch) -> None:
     """Says so, and still ends no lower than it began."""
-    monkeypatch.setattr(rotation_search, "_MOST_STEPS", 1)
+    monkeypatch.setattr(rotation_search, "MOST_STEPS", 1)
     one = searches["satin"]
     start = one.trial(turned(AXES[0], 6))
     summit = one.climb(start)
@@ -184,7 +184,7 @@ class Bump(RotationSearch):
         return rotation_vector(rotation @ self.top.T)
 
     def trial(self, rotation: Tensor) -> Trial:
-        return Trial(rotation, None, None, 7 - 0.5 * float(self.away(rotation).square().sum()) / self.width**2)
+        return Trial(rotation, None, None, None, 7 - 0.5 * float(self.away(rotation).square().sum()) / self.width**2)
 
     def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
         return -self.slope * self.away(trial.rotation) / self.width**2, AXES / self.width**2

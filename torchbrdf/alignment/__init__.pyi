@@ -6,3 +6,7 @@ from .exposure import Exposure as Exposure
 from .lamps import LampRadiance as LampRadiance
 from .learned_rotation import LearnedRotation as LearnedRotation
 from .settings import Range as Range
+from .silhouette import (
+    FoundSilhouette as FoundSilhouette,
+    circle_of as circle_of,
+)

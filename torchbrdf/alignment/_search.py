@@ -6,8 +6,10 @@ for many degrees around it, because a wrong light looks like a rougher material.
 change of the image as the light turns counts where no weights can imitate it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import log, radians
+from typing import Generic, TypeVar
 
 import torch
 from torch import Tensor
@@ -25,9 +27,12 @@ it, but what no material of the library explains is the same in neighbouring pix
 
 _LONGEST_STEP = radians(8)
 _SMALLEST_STEP = radians(0.01)
-_MOST_STEPS = 12
+MOST_STEPS = 12
 _FIRST_DAMPING = 0.5
 _MOST_DAMPING = 100.0
+
+Place = TypeVar("Place")
+"""Where a climb may stand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +41,14 @@ class Trial:
 
     rotation      (3, 3) float64
     basis         under the turned light
+    y             (1, 3, P) float64: the photograph
     explanation   of the photograph, by all priors
     log_evidence  of all priors together, divided as DOUBT says
     """
 
     rotation: Tensor
     basis: BasisImages
+    y: Tensor
     explanation: Explanation
     log_evidence: float
 
@@ -88,15 +95,34 @@ class RotationSearch:
         other._frame = self._frame
         return other
 
-    def trial(self, rotation: Tensor) -> Trial:
-        """Solve for the weights under one rotation."""
+    def seeing(self, y: Tensor) -> "RotationSearch":
+        """Another photograph (1, 3, P) of the same pixels, with evidence that compares."""
+        other = RotationSearch(self.light, y, self.used, self.expected)
+        other._frame, other.evaluations = self._frame, self.evaluations
+        return other
+
+    @property
+    def weight(self) -> float:
+        """How many independent pixels the evidence counts."""
+        return self.y.shape[-1] / self._doubt
+
+    def trial(self, rotation: Tensor, y: Tensor | None = None) -> Trial:
+        """Solve for the weights under one rotation; of another photograph (1, 3, P) where one is given."""
         basis = self.light.basis_at(rotation)
         packed = basis.packed[..., self.used]
         scale, variances = self._frame or self._first_frame(packed)
         bank = PriorBank.of(ImageSpace.weighted(packed, scale), variances, correlation=1)
-        found = bank.explain(self.y)
         self.evaluations += 1
-        return Trial(rotation, basis, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
+        return self._explained(rotation, basis, bank, self.y if y is None else y)
+
+    def with_photograph(self, trial: Trial, y: Tensor) -> Trial:
+        """The same with another photograph (1, 3, P): a hundredth of the cost."""
+        return self._explained(trial.rotation, trial.basis, trial.explanation.bank, y)
+
+    def _explained(self, rotation: Tensor, basis: BasisImages, bank: PriorBank, y: Tensor) -> Trial:
+        found = bank.explain(y)
+        log_evidence = float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt
+        return Trial(rotation, basis, y, found, log_evidence)
 
     def climb(self, start: Trial) -> Summit:
         """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow."""
@@ -109,40 +135,32 @@ class RotationSearch:
         def log_posterior(trial: Trial) -> float:
             return trial.log_evidence - 0.5 * float(turn(trial) @ prior @ turn(trial))
 
-        def summit(trial: Trial, precision: Tensor, converged: bool) -> Summit:
-            volume = -0.5 * (float(torch.logdet(precision)) + 6 * log(self.expected))
-            return Summit(trial, precision, log_posterior(trial) + volume, converged)
+        def slope(trial: Trial) -> tuple[Tensor, Tensor]:
+            gradient, precision = self._slope(trial)
+            return gradient - prior @ turn(trial), precision + prior
 
-        best, damping = start, 0.0
-        for _ in range(_MOST_STEPS):
-            gradient, precision = self._slope(best)
-            gradient, precision = gradient - prior @ turn(best), precision + prior
-            while True:
-                step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
-                step = step * min(1.0, _LONGEST_STEP / max(float(step.norm()), 1e-12))
-                short = float(step.norm()) < _SMALLEST_STEP
-                if short or damping > _MOST_DAMPING:
-                    return summit(best, precision, short)
-                new = self.trial(rotation_of(step) @ best.rotation)
-                if log_posterior(new) > log_posterior(best):
-                    break
-                damping = max(_FIRST_DAMPING, 4 * damping)
-            best, damping = new, damping / 4
-        return summit(best, precision, False)
+        top = ascend(start, log_posterior, slope, lambda trial, step: self.trial(rotation_of(step) @ trial.rotation))
+        volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
+        return Summit(top.best, top.precision, top.height + volume, top.converged)
 
     def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
-        """First (3,) and minus second derivatives (3, 3) of the log evidence by turns, with the best prior and penalty.
+        """First (3,) and minus second derivatives (3, 3) of the log evidence by turns."""
+        return self.derivatives(trial, self.turns(trial))
 
+    def turns(self, trial: Trial) -> Tensor:
+        """(3, 3, P): how the image at the solution changes with turns about +X, +Y and +Z, per radian."""
+        return self.light.change_at(_likeliest(trial)[2].mT, trial.rotation)[..., self.used].double()
+
+    def derivatives(self, trial: Trial, change: Tensor) -> tuple[Tensor, Tensor]:
+        """First (K,) and minus second derivatives (K, K) of the log evidence, with the best prior and penalty.
+
+        change  (K, 3, P): of the image at the solution, or minus those of the photograph
         With M = Y S Y^T / lambda + 1, residual r, and changes J of the image at the solution, the evidence is
         -1/2 sum over channels of P log(y^T M^-1 y), so these are P r^T J / (y^T M^-1 y) and P J^T M^-1 J / (...).
         """
         found, bank = trial.explanation, trial.explanation.bank
-        m, penalty = divmod(int(found.log_evidence[0].argmax()), found.log_evidence.shape[2])
-        only = torch.zeros_like(found.log_evidence)
-        only[0, m, penalty] = 1
-        weights = found.components(only)[0, m]
-        change = self.light.change_at(weights.mT, trial.rotation)[..., self.used].double()
-        weighted, residual = change * bank.space.inverse, self.y - bank.space.render(weights[None], torch.float64)
+        m, penalty, weights = _likeliest(trial)
+        weighted, residual = change * bank.space.inverse, trial.y - bank.space.render(weights[None], torch.float64)
         inside, _ = bank.space.project(change)
         seen = torch.einsum("asr,srk->ask", inside, bank.vectors[m])
         product = torch.einsum("asp,bsp->sab", weighted, weighted) - torch.einsum("asr,bsr->sab", inside, inside)
@@ -159,3 +177,59 @@ class RotationSearch:
         variances = prior_variances(no_classes, norms, ImageSpace.weighted(packed, scale))
         self._frame = scale, variances
         return self._frame
+
+
+def _likeliest(trial: Trial) -> tuple[int, int, Tensor]:
+    """The prior and the penalty of the highest evidence, and the weights (3, n) at the top of their posterior."""
+    evidence = trial.explanation.log_evidence
+    m, penalty = divmod(int(evidence[0].argmax()), evidence.shape[2])
+    only = torch.zeros_like(evidence)
+    only[0, m, penalty] = 1
+    return m, penalty, trial.explanation.components(only)[0, m]
+
+
+@dataclass(frozen=True, eq=False)
+class Top(Generic[Place]):
+    """Where steps uphill ended: the best place, its height, the precision there, and whether the last step was short.
+
+    It was not where steps ran out, or none of any length led higher.
+    """
+
+    best: Place
+    height: float
+    precision: Tensor
+    converged: bool
+
+
+def ascend(
+    start: Place,
+    height: Callable[[Place], float],
+    slope: Callable[[Place], tuple[Tensor, Tensor]],
+    moved: Callable[[Place, Tensor], Place],
+    longest_stretch: float = 1.0,
+    most_steps: int = MOST_STEPS,
+) -> Top[Place]:
+    """Gauss-Newton steps uphill, shorter ones where they led down, longer ones while they lead up.
+
+    slope            first (K,) and minus second derivatives (K, K)
+    moved            a place and a step (K,), in radians or radii, to another place
+    longest_stretch  of steps: where the second derivatives are those of edges, they are too large between them
+    """
+    best, top, damping, stretch = start, height(start), 0.0, 1.0
+    precision = torch.empty(0)
+    for _ in range(most_steps):
+        gradient, precision = slope(best)
+        while True:
+            step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
+            step = step * min(stretch, _LONGEST_STEP / max(float(step.norm()), 1e-12))
+            short = float(step.norm()) < _SMALLEST_STEP
+            if short or damping > _MOST_DAMPING:
+                return Top(best, top, precision, short)
+            new = moved(best, step)
+            reached = height(new)
+            if reached > top:
+                break
+            damping = max(_FIRST_DAMPING, 4 * damping) if stretch == 1 else damping
+            stretch = 1.0
+        best, top, damping, stretch = new, reached, damping / 4, min(2 * stretch, longest_stretch)
+    return Top(best, top, precision, False)

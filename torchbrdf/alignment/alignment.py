@@ -18,10 +18,13 @@ from torchbrdf.alignment._search import RotationSearch, Summit, Trial
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
+from torchbrdf.alignment.silhouette import CLEAR, FoundSilhouette, find, guessed
 from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
 from torchbrdf.estimation.priors import farthest_points, image_angles
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
+from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import NEAREST, HarmonicBasis, unsuited
 from torchbrdf.view import Frames, View
@@ -31,9 +34,6 @@ EXPECTED = radians(5)
 
 CONFIDENT = radians(1)
 """Standard deviation about the least certain axis up to which a photograph tells the rotation."""
-
-CLEAR = log(10)
-"""Log odds above which a probe is turned."""
 
 _PREFERRED = 1.0
 """Log evidence by which a turn is better for `covariance` to tell of it."""
@@ -73,6 +73,7 @@ class Alignment:
     converged     whether the search ended by itself
     evaluations   how many rotations were looked at
     lamp          what was found of lamps at which the probe may be clipped, see `LightProbe.lamps`; None without
+    ball          its silhouette, found together with the rotation, and the observation inside it; None unless asked for
     """
 
     rotation: Tensor
@@ -85,6 +86,17 @@ class Alignment:
     converged: bool
     evaluations: int
     lamp: LampRadiance | None = None
+    ball: FoundSilhouette | None = None
+
+    @property
+    def silhouette(self) -> Circle | Ball | None:
+        """Of the ball, as found; the guess where no other is clearly better, None unless asked for."""
+        return None if self.ball is None else self.ball.silhouette
+
+    @property
+    def observation(self) -> Observation | None:
+        """The photograph resampled with that silhouette, to fit with; None unless it was asked for."""
+        return None if self.ball is None else self.ball.observation
 
     @cached_property
     def probe(self) -> LightProbe:
@@ -118,8 +130,9 @@ class Alignment:
         warning = "" if self.confident else ", more than this photograph can tell for sure"
         blurred = f", blurred by {self.blur:.2f} degrees" if self.blur else ""
         exposed = f"; {self.exposure}" if self.exposure else ""
+        seen = f"; {self.ball}" if self.ball else ""
         lit = f"; {self.lamp}" if self.lamp else ""
-        return f"light probe {what}{blurred} ({certainty}{warning}){lit}{exposed}"
+        return f"light probe {what}{blurred} ({certainty}{warning}){lit}{exposed}{seen}"
 
 
 def align(
@@ -131,6 +144,7 @@ def align(
     mask: Tensor | None = None,
     search: Range = "near",
     start: Tensor | None = None,
+    silhouette: Circle | Ball | bool = False,
     blur: bool = False,
     exposure: bool = False,
     white_balance: bool = False,
@@ -143,6 +157,10 @@ def align(
     mask      (1, H, W) bool, True = use; None for all pixels of the view
     search    "near": within about 20 degrees. "full": about the vertical axis +Y by any angle, and near that
     start     (3, 3): the rotation that is believed, and kept where no other is clearly better; None for none
+    silhouette  find where the ball is in the photograph, too, from a first guess up to 3 % of its diameter off, as the
+              view shows it: a circle, or a ball before the photograph's camera. Image and mask are then the
+              photograph's, of any size, with as much around the ball as there is. True guesses the circle that a square
+              photograph inscribes
     blur      find a blur of the probe too
     exposure, white_balance  find a factor of the photograph too, one for all channels or one for each; a photograph
               tells neither better than materials that look alike differ in albedo, see `Exposure.std`
@@ -153,23 +171,33 @@ def align(
     """
     if search not in get_args(Range):
         raise ValueError(f"search must be one of {', '.join(get_args(Range))}, got {search!r}")
-    y, used, batch = check_observation(image, mask, Frames((view.mask,)), False)
-    if batch:
-        raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
     reason = unsuited(view)
     if reason is not None:
         raise ValueError(f"align needs a ball from {NEAREST:g} radii on, or normals without shadows: {reason}")
-    light = HarmonicBasis(library, probe, view, progress)
-    y = y[..., used[0]].to(light.transport.device, torch.float64)
-    task = RotationSearch(light, y, used[0], EXPECTED)
-    believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
-    lamp = first_guess(task, believed)
-    if lamp is None:
-        summit, best, log_odds = _climbed(task, believed, search)
+    moving = None
+    if silhouette is not False:
+        guess = guessed(image, mask, view, silhouette)
+        observe(image, guess, mask, view.size[0])  # raises where there is nothing to see
+        moving = MovingSilhouette(image, guess, mask, view.size[0])
+        y, used = moving.seen(torch.zeros(3, dtype=torch.float64))[None], moving.used
     else:
+        y, used = _packed(image, mask, view)
+    light = HarmonicBasis(library, probe, view, progress)
+    task = RotationSearch(light, y.to(light.transport.device, torch.float64), used, EXPECTED)
+    believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
+    joint = None
+    if moving is not None:
+        joint = find(task, moving, believed, _starts(task, believed, search), _turn_costs(search))
+        believed, task = joint.believed, task.seeing(joint.shown)
+    lamp = first_guess(task, believed)
+    if lamp is not None:
         task, lamp, (summit, best, log_odds) = with_lamp(
             task, believed, lamp, lambda task, believed: _climbed(task, believed, search)
         )
+    elif joint is not None:
+        summit, best, log_odds = _weighed(joint.summit, believed, search)
+    else:
+        summit, best, log_odds = _climbed(task, believed, search)
     turned = log_odds > CLEAR
     sigma = 0.0
     if blur:
@@ -177,25 +205,53 @@ def align(
     away = rotation_vector(summit.trial.rotation @ best.rotation.T)
     if summit.trial.log_evidence - believed.log_evidence < _PREFERRED:
         away = torch.zeros(3, dtype=torch.float64)
+    rotation, basis, source = best.rotation, best.basis, task.light.probe.blurred(sigma)
+    ball = None if joint is None or moving is None else joint.silhouette(moving, image, mask, view)
+    if ball is not None and ball.view is not view:
+        if turned:
+            rotation = ball.turn_from(view) @ rotation
+        basis = HarmonicBasis(library, source, ball.view).basis_at(rotation)
     return Alignment(
-        rotation=best.rotation,
-        source=task.light.probe.blurred(sigma),
-        basis=best.basis,
+        rotation=rotation,
+        source=source,
+        basis=basis,
         covariance=torch.linalg.inv(summit.precision) + torch.outer(away, away),
         log_odds=log_odds,
         blur=sigma,
-        exposure=exposure_of(y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
+        exposure=exposure_of(task.y, best.explanation.bank.space, white_balance) if exposure or white_balance else None,
         converged=summit.converged,
         evaluations=task.evaluations,
         lamp=lamp,
+        ball=ball,
     )
 
 
+def _packed(image: Tensor, mask: Tensor | None, view: View) -> tuple[Tensor, Tensor]:
+    """The pixels used of one photograph, (1, 3, P), and which those are of the view's."""
+    y, used, batch = check_observation(image, mask, Frames((view.mask,)), False)
+    if batch:
+        raise ValueError(f"align takes one photograph (3, H, W), got a batch {tuple(batch)}; call it for each")
+    return y[..., used[0]], used[0]
+
+
+def _turn_costs(search: Range) -> float:
+    """Log odds that a turn needs beyond CLEAR, for how many were tried."""
+    return log(_TURNS if search == "full" else 1)
+
+
+def _starts(task: RotationSearch, believed: Trial, search: Range) -> list[Trial]:
+    return [believed] if search == "near" else _turned_about_vertical(task, believed)
+
+
 def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
-    """The best summit; the trial there, or the one that is believed where it is not clearly better; the log odds."""
-    starts = [believed] if search == "near" else _turned_about_vertical(task, believed)
-    summit = max((task.climb(one) for one in starts), key=attrgetter("log_evidence"))
-    log_odds = summit.log_evidence - believed.log_evidence - log(_TURNS if search == "full" else 1)
+    """The best summit, as `_weighed`."""
+    climbed = (task.climb(one) for one in _starts(task, believed, search))
+    return _weighed(max(climbed, key=attrgetter("log_evidence")), believed, search)
+
+
+def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
+    """A summit; the trial there, or the one that is believed where it is not clearly better; the log odds."""
+    log_odds = summit.log_evidence - believed.log_evidence - _turn_costs(search)
     return summit, summit.trial if log_odds > CLEAR else believed, log_odds
 
 

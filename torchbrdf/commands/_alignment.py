@@ -6,31 +6,50 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from torchbrdf.alignment import Alignment, LampRadiance, align
+from torchbrdf.alignment import Alignment, FoundSilhouette, LampRadiance, align, circle_of
 from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.commands._sight import Sight
 from torchbrdf.files import writing
 from torchbrdf.images import ColourSpace
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
 from torchbrdf.transport import BasisImages
-from torchbrdf.view import View
 
 
-def aligned(
-    options: argparse.Namespace, observation: Observation, probe: LightProbe, view: View, library: MaterialLibrary
-) -> Alignment:
-    """The alignment that the options ask for."""
+def aligned(options: argparse.Namespace, sight: Sight, probe: LightProbe, library: MaterialLibrary) -> Alignment:
+    """The alignment that the options ask for; of a ball with its silhouette, in the whole photograph."""
+    guess = None if options.keep_silhouette else sight.silhouette
+    seen = (
+        (sight.observation.image, sight.observation.mask)
+        if guess is None
+        else (sight.photograph.image, sight.photograph.usable)
+    )
     return align(
-        observation.image,
+        seen[0],
         probe,
-        view,
+        sight.view,
         library,
-        mask=observation.mask,
+        mask=seen[1],
+        silhouette=guess or False,
         search=options.search or "near",
         blur=options.blur,
         exposure=options.exposure,
         white_balance=options.white_balance,
         progress=True,
+    )
+
+
+def seen_anew(sight: Sight, found: Alignment) -> Sight:
+    """The photograph with the silhouette that was found, where one was looked for."""
+    if found.ball is None or not found.ball.moved:
+        return sight
+    ball = found.ball
+    return replace(
+        sight,
+        observation=ball.observation,
+        view=ball.view,
+        silhouette=ball.silhouette,
+        found=f"{ball.silhouette}, as the alignment found it",
     )
 
 
@@ -61,6 +80,19 @@ def basis_of(found: Alignment) -> BasisImages:
     return replace(found.basis, probe=found.probe.fingerprint)
 
 
+def silhouette_record(ball: FoundSilhouette) -> dict[str, object]:
+    """What alignment.json holds of it: places in pixels of the photograph."""
+    x, y, radius = circle_of(ball.silhouette)
+    return {
+        "x": x,
+        "y": y,
+        "radius": radius,
+        "standard_deviations": ball.std,
+        "moved": ball.moved,
+        "log_gain": ball.log_gain,
+    }
+
+
 def write(folder: Path, found: Alignment, primaries: ColourSpace) -> None:
     """Write alignment.json and aligned_probe.exr, in this colour space, into a folder."""
     record = {
@@ -70,6 +102,7 @@ def write(folder: Path, found: Alignment, primaries: ColourSpace) -> None:
         "confident": found.confident,
         "log_odds": found.log_odds,
         "blur_degrees": found.blur,
+        "silhouette": None if found.ball is None else silhouette_record(found.ball),
         "exposure": None if found.exposure is None else found.exposure.factors.tolist(),
         "exposure_log_std": None if found.exposure is None else found.exposure.std.tolist(),
         "lamp": None if found.lamp is None else _lamp_record(found.lamp),

@@ -8,7 +8,7 @@ from torchbrdf.alignment import Range
 from torchbrdf.commands._options import STD, add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
-_ONLY_WITH_ALIGN = ("search", "blur", "exposure", "white_balance")
+_ONLY_WITH_ALIGN = ("search", "keep_silhouette", "blur", "exposure", "white_balance")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -21,10 +21,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
     add_estimation(parser)
     group = parser.add_argument_group("alignment of the light probe with the photograph")
-    text = "find the rotation of the probe, and the radiance of lamps at which it is clipped"
+    text = "find the rotation of the probe, the silhouette of the ball, and the radiance of clipped lamps"
     group.add_argument("--align", action="store_true", help=text)
     text = "near: within about 20 degrees (default); full: also any turn about the vertical axis"
     group.add_argument("--search", choices=get_args(Range), help=text)
+    text = "do not search the ball's silhouette, too: it is exact as found or given"
+    group.add_argument("--keep-silhouette", action="store_true", help=text)
     group.add_argument("--blur", action="store_true", help="find a blur of the probe, too")
     text = "find a factor of the photograph, too, and divide by it; rarely certain to better than 50 %%"
     group.add_argument("--exposure", action="store_true", help=text)
@@ -49,29 +51,32 @@ def run(options: argparse.Namespace) -> int:
         if options.basis is not None and size is None:
             size = BasisImages.load(options.basis).size[1]
         sight = read_observation(options, size)
-        observation, view = sight.observation, sight.view
         probe = open_probe(options)
         lit = ", ".join(filter(None, (probe.name.removeprefix("light probe "), probe.reading)))
         library = open_library(options)
-        basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, view)
+        basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, sight.view)
         settings = {
             "title": options.photo.name,
             "photograph": sight.about,
             "light probe": lit,
             "colours": f"linear {options.primaries}",
         }
+        observation = sight.observation
         written = "brdf.binary, weights.json, fitted.exr and report.html"
         if not options.align:
             _alignment.warn_of_lamps(probe, None)
         else:
-            found = _alignment.aligned(options, observation, probe, view, library)
+            found = _alignment.aligned(options, sight, probe, library)
             _alignment.warn_of_lamps(probe, found)
-            observation, probe = _alignment.divided(observation, found), found.probe
+            sight, probe = _alignment.seen_anew(sight, found), found.probe
+            observation = _alignment.divided(sight.observation, found)
             basis = _alignment.basis_of(found)
             _alignment.write(folder, found, options.primaries)
             settings["alignment"] = str(found)
             written = f"alignment.json, aligned_probe.exr, {written}"
-        fitted = fit(observation, probe, library, options.penalty, view, basis, options.constraint, options.robust)
+        fitted = fit(
+            observation, probe, library, options.penalty, sight.view, basis, options.constraint, options.robust
+        )
         write_results(folder, fitted, probe, library, settings, options.primaries, sight.scene)
         if options.uncertainty:
             deviation = fitted.result.brdf_std(library).double()

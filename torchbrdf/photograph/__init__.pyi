@@ -1,5 +1,9 @@
 from .choice import locate as locate
 from .finding import find_balls as find_balls
+from .moving import (
+    REACH as REACH,
+    MovingSilhouette as MovingSilhouette,
+)
 from .observation import (
     LARGEST_DEFAULT_SIZE as LARGEST_DEFAULT_SIZE,
     Observation as Observation,

@@ -58,18 +58,21 @@ def boxes_of(silhouette: Circle | Ball, n: int) -> Boxes:
     return tilted_boxes(silhouette.places, n)
 
 
-def tilted_boxes(places: Callable[[Tensor, Tensor], Tensor], n: int) -> Boxes:
-    """`boxes_of` a view that shows x and y, to the right and up from -1 to 1, at places (..., 2) of the photograph."""
-    m = _PARTS * n
+def tilted_boxes(places: Callable[[Tensor, Tensor], Tensor], n: int, parts: int = _PARTS) -> Boxes:
+    """`boxes_of` a view that shows x and y, to the right and up from -1 to 1, at places (..., 2) of the photograph.
+
+    parts  along each side of a pixel
+    """
+    m = parts * n
     edges = torch.linspace(-1, 1, 2 * m + 1, dtype=torch.float64)
     middles, sides = edges[1::2], edges[::2]
     across = places(*torch.broadcast_tensors(sides, -middles[:, None]))[..., 0]
     down = places(*torch.broadcast_tensors(middles, -sides[:, None]))[..., 1]
 
-    def by_pixel(parts: Tensor) -> Tensor:
-        return parts.unflatten(1, (n, _PARTS)).unflatten(0, (n, _PARTS)).transpose(1, 2).flatten(2)
+    def by_pixel(sides: Tensor) -> Tensor:
+        return sides.unflatten(1, (n, parts)).unflatten(0, (n, parts)).transpose(1, 2).flatten(2)
 
-    return Boxes(*(by_pixel(part) for part in (across[:, :-1], across[:, 1:], down[:-1], down[1:])))
+    return Boxes(*(by_pixel(side) for side in (across[:, :-1], across[:, 1:], down[:-1], down[1:])))
 
 
 def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Observation:

@@ -1,0 +1,158 @@
+"""Silhouettes found together with the rotation: spheres in a photograph with a background, guessed wrongly.
+
+A photograph has three pixels for each of the view, and its surroundings are as bright as the ball.
+"""
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+import torchbrdf as tb
+from torchbrdf.alignment.alignment import Alignment, align
+from torchbrdf.alignment.silhouette import MOVED, guessed
+from torchbrdf.brdf.library import MaterialLibrary
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.light.probe import LightProbe
+from torchbrdf.photograph.observation import observe
+from torchbrdf.photograph.silhouette import Circle
+from torchbrdf.view.normal_map import NormalMapView
+from torchbrdf.view.sphere import SphereView
+from turns import degrees_between, turn_about
+
+ROOM = LightProbe.default(64)
+VIEW = SphereView(32)
+STRAIGHT = torch.eye(3, dtype=torch.float64)
+TRUTH = Circle(60.0, 58.0, 47.7)
+"""Of a ball of 96 pixels at 12 and 10, of which only the pixels that it covers wholly are rendered."""
+
+PIXEL = 2 * TRUTH.radius / 32
+"""Pixels of the photograph in one of the view."""
+
+
+@pytest.fixture(scope="module")
+def photographs(strangers: dict[str, MerlTable]) -> dict[str, Tensor]:
+    """(3, 118, 122) before a wall with a soft pattern, with 1 % noise."""
+    generator = torch.Generator().manual_seed(2)
+    found = {}
+    for name in ("paint", "brass", "clay"):
+        ball, view = tb.render(strangers[name], ROOM, SphereView(96), samples=256), SphereView(96)
+        coarse = ball[:, view.mask[0]].mean() * (0.5 + torch.rand(1, 3, 9, 9, generator=generator))
+        image = torch.nn.functional.interpolate(coarse, (118, 122), mode="bilinear")[0]
+        inside = image[:, 10:106, 12:108]
+        inside[:, view.mask[0]] = ball[:, view.mask[0]]
+        found[name] = image * (1 + 0.01 * torch.randn(image.shape, generator=generator))
+    return found
+
+
+@pytest.fixture(scope="module")
+def aligned(precomputed_library: MaterialLibrary) -> Callable[..., Alignment]:
+    def run(image: Tensor, probe: LightProbe = ROOM, **options: object) -> Alignment:
+        return align(image, probe, VIEW, precomputed_library, **options)
+
+    return run
+
+
+def guess(right: float, down: float, grown: float) -> Circle:
+    """Off by pixels of the view."""
+    return Circle(TRUTH.x + PIXEL * right, TRUTH.y + PIXEL * down, TRUTH.radius + PIXEL * grown)
+
+
+def off(found: Alignment) -> float:
+    """Pixels of the view."""
+    assert isinstance(found.silhouette, Circle)
+    return found.silhouette.differs(TRUTH) / PIXEL
+
+
+@pytest.mark.parametrize("material", ["paint", "clay"])
+def test_is_found(aligned: Callable[..., Alignment], photographs: dict[str, Tensor], material: str) -> None:
+    """From 3 % of the diameter off, glossy or matte; the light was right, and stays."""
+    found = aligned(photographs[material], silhouette=guess(0.7, -0.5, 0.3))
+    assert off(found) < 0.15
+    assert torch.equal(found.rotation, STRAIGHT)
+    assert found.ball is not None
+    assert found.ball.moved
+    assert found.ball.log_gain > 10
+    assert max(found.ball.std) < 0.15 * PIXEL
+    expected = observe(photographs[material], found.silhouette, size=32)
+    assert found.observation is not None
+    assert torch.equal(found.observation.image, expected.image)
+    assert torch.equal(found.observation.mask, expected.mask)
+
+
+def test_is_found_with_the_rotation(aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
+    rotation = turn_about((1, -2, 1.5), 2.5)
+    found = aligned(photographs["brass"], ROOM.rotated(rotation.T), silhouette=guess(-0.5, 0.4, -0.2))
+    assert off(found) < 0.15
+    assert degrees_between(found.rotation, rotation) < 0.3
+    assert "; silhouette moved by (" in str(found)
+
+
+@pytest.mark.parametrize("material", ["brass", "clay"])
+def test_a_right_one_is_left_alone(
+    aligned: Callable[..., Alignment], photographs: dict[str, Tensor], material: str
+) -> None:
+    """To a tenth of a pixel: that of the photograph is not known better."""
+    found = aligned(photographs[material], silhouette=TRUTH)
+    assert off(found) < 0.1
+    assert found.ball is not None
+    assert found.ball.moved == (found.ball.log_gain > MOVED)
+    assert torch.equal(found.rotation, STRAIGHT)
+
+
+def test_a_right_one_beside_a_turned_light(aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
+    rotation = turn_about((1, -2, 1.5), 2.5)
+    found = aligned(photographs["paint"], ROOM.rotated(rotation.T), silhouette=TRUTH)
+    assert off(found) < 0.1
+    assert degrees_between(found.rotation, rotation) < 0.3
+
+
+def test_without_surroundings(aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
+    """The ball's mask leaves no rim to go by: shading tells the place, or it stays."""
+    start = guess(0.6, -0.4, 0.0)
+    mask = TRUTH.holds(118, 122)[None]
+    found = aligned(photographs["brass"], silhouette=start, mask=mask)
+    assert off(found) < 0.5 * start.differs(TRUTH) / PIXEL
+
+
+def test_what_a_photograph_cannot_tell(aligned: Callable[..., Alignment]) -> None:
+    """A ball as bright as the fog around it has no silhouette, and any rotation."""
+    found = aligned(torch.full((3, 118, 122), 0.5), LightProbe(torch.ones(3, 16, 32)), silhouette=TRUTH)
+    assert found.silhouette is TRUTH
+    assert torch.equal(found.rotation, STRAIGHT)
+    assert "; silhouette left as it is: no other explains the photograph clearly better (" in str(found)
+
+
+def test_a_square_crop_inscribes_its_guess(photographs: dict[str, Tensor]) -> None:
+    assert guessed(photographs["paint"][:, :118, :118], None, VIEW, True) == Circle(59.0, 59.0, 59.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"silhouette": True},
+            r"the photograph is 118 x 122, and silhouette=True takes a square crop around the ball; .*",
+        ),
+        (
+            {"silhouette": TRUTH, "mask": torch.ones(118, 122, dtype=torch.bool)},
+            r"mask must be bool \(1, 118, 122\), .*",
+        ),
+        ({"silhouette": Circle(400.0, 60.0, 30.0)}, r".*no whole pixel of the ball is left.*"),
+    ],
+)
+def test_bad_input(
+    aligned: Callable[..., Alignment], photographs: dict[str, Tensor], options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{message}$") as caught:
+        aligned(photographs["paint"], **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_of_a_shape_that_is_no_ball(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
+    shape = NormalMapView(torch.tensor([0.0, 0.0, 1.0])[:, None, None].expand(3, 8, 8))
+    with pytest.raises(
+        ValueError, match=r"^a silhouette can be found of a ball: the view must be a SphereView, got .*$"
+    ):
+        align(photographs["paint"], ROOM, shape, precomputed_library, silhouette=TRUTH)

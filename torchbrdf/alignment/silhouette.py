@@ -1,0 +1,197 @@
+"""The silhouette of a ball under which a photograph is explained best, together with the rotation of its light.
+
+Half a pixel of silhouette costs as much as a degree of the probe. The evidence that finds the one finds the other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log
+from operator import attrgetter
+
+import torch
+from torch import Tensor
+
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial
+from torchbrdf.alignment._silhouette_search import EXPECTED, SightSummit, SilhouetteSearch
+from torchbrdf.camera import Ball
+from torchbrdf.images import Window
+from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
+from torchbrdf.view import SphereView, View
+
+CLEAR = log(10)
+"""Log odds above which a probe is turned."""
+
+MOVED = 3.0
+"""Log density that another silhouette must have beyond the guess, which is never right to the last digit: so its place
+is not weighed against all others."""
+
+_PREFERRED = 1.0
+"""Log evidence by which another silhouette is better for `covariance` to tell of it."""
+
+_DECIDED = 10.0
+"""Log odds above which a silhouette is moved whatever a turn alone could explain."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSilhouette:
+    """The silhouette of a ball, and what the photograph shows inside it.
+
+    silhouette   as found; the guess where no other is clearly better
+    guess        that was given
+    covariance   (3, 3) float64 of x, y and radius, in pixels of the photograph, squared: what the photograph leaves
+                 open, and the way to what it would prefer where that is not clearly better
+    log_gain     by how much the logarithm of the posterior density is higher than that of the guess; the silhouette is
+                 moved where that is more than MOVED
+    observation  the photograph resampled to the pixels of the view
+    view         of the silhouette; that of a ball has its direction and size
+    """
+
+    silhouette: Circle | Ball
+    guess: Circle | Ball
+    covariance: Tensor
+    log_gain: float
+    observation: Observation
+    view: View
+
+    def turn_from(self, view: View) -> Tensor:
+        """(3, 3): by which a light turns that is to look from this view as it did from another of the same camera."""
+        if not isinstance(view, SphereView) or not isinstance(self.view, SphereView):
+            return torch.eye(3, dtype=torch.float64)
+        return self.view.rotation @ view.rotation.T
+
+    @property
+    def moved(self) -> bool:
+        """Whether the guess was off."""
+        return self.silhouette is not self.guess
+
+    @property
+    def std(self) -> tuple[float, float, float]:
+        """Standard deviations of x, y and radius, in pixels of the photograph."""
+        x, y, radius = self.covariance.diagonal().sqrt().tolist()
+        return x, y, radius
+
+    def __str__(self) -> str:
+        """One line on what was found."""
+        x, y, radius = self.std
+        certainty = f"standard deviations {x:.2f}, {y:.2f} and {radius:.2f} pixels"
+        if not self.moved:
+            return f"silhouette left as it is: no other explains the photograph clearly better ({certainty})"
+        before, after = circle_of(self.guess), circle_of(self.silhouette)
+        right, down, grown = (b - a for a, b in zip(before, after, strict=True))
+        return (
+            f"silhouette moved by ({right:+.2f}, {down:+.2f}) and its radius by {grown:+.2f} pixels to the "
+            f"{self.silhouette} ({certainty})"
+        )
+
+
+def guessed(image: Tensor, mask: Tensor | None, view: View, silhouette: Circle | Ball | bool) -> Circle | Ball:
+    """The first guess: what is given, or the circle that a square photograph inscribes.
+
+    Raises ValueError for a photograph, mask or view that is none, or is not square where no guess is given.
+    """
+    if not isinstance(view, SphereView):
+        raise ValueError(f"a silhouette can be found of a ball: the view must be a SphereView, got {view!r}")
+    if image.ndim != 3 or image.shape[0] != 3 or not image.is_floating_point():
+        raise ValueError(f"image must be linear radiance (3, H, W), got {image.dtype} {tuple(image.shape)}")
+    height, width = image.shape[1:]
+    if mask is not None and (mask.dtype != torch.bool or mask.shape != (1, height, width)):
+        raise ValueError(f"mask must be bool {(1, height, width)}, got {mask.dtype} {tuple(mask.shape)}")
+    if not isinstance(silhouette, bool):
+        return silhouette
+    if height != width:
+        raise ValueError(
+            f"the photograph is {height} x {width}, and silhouette=True takes a square crop around the ball; give its "
+            "circle, as a first guess: silhouette=Circle(x, y, radius)"
+        )
+    return Circle.inscribed(Window(0, 0, width, height))
+
+
+def circle_of(silhouette: Circle | Ball) -> tuple[float, float, float]:
+    """x, y and radius in pixels of the photograph."""
+    if isinstance(silhouette, Circle):
+        return silhouette.x, silhouette.y, silhouette.radius
+    return silhouette.circle
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Rotation and silhouette, as found together.
+
+    believed    the rotation that was believed, with the silhouette that was chosen
+    summit      of rotations with that silhouette, with what it leaves open about them
+    shift       (3,) of the silhouette; None where the guess is kept
+    covariance  (3, 3) float64 of shifts, see `FoundSilhouette`
+    log_gain    see `FoundSilhouette`
+    """
+
+    believed: Trial
+    summit: Summit
+    shift: Tensor | None
+    covariance: Tensor
+    log_gain: float
+
+    @property
+    def shown(self) -> Tensor:
+        """(1, 3, P): the photograph with the silhouette that was chosen."""
+        return self.believed.y
+
+    def silhouette(self, moving: MovingSilhouette, image: Tensor, mask: Tensor | None, view: View) -> FoundSilhouette:
+        """What is told of it, with the photograph resampled to the pixels of its view."""
+        guess = moving.guess
+        found = guess if self.shift is None else moving.at(self.shift)
+        radius = circle_of(found)[2]
+        to_pixels = torch.diag(torch.tensor([radius, -radius, radius], dtype=torch.float64))
+        n = view.size[0]
+        return FoundSilhouette(
+            silhouette=found,
+            guess=guess,
+            covariance=to_pixels @ self.covariance @ to_pixels,
+            log_gain=self.log_gain,
+            observation=observe(image, found, mask, n),
+            view=SphereView.of_ball(n, found) if isinstance(found, Ball) and self.shift is not None else view,
+        )
+
+
+def find(
+    rotations: RotationSearch, moving: MovingSilhouette, believed: Trial, starts: Sequence[Trial], turn_costs: float
+) -> Joint:
+    """Climb from every start, with the silhouette alone, and then together with the rotation; weigh both.
+
+    believed    the rotation that is believed, with the guess
+    turn_costs  log odds that a rotation must have beyond CLEAR, for how many were tried
+    """
+    search = SilhouetteSearch(rotations, moving)
+    none = torch.zeros(3, dtype=torch.float64)
+    kept = search.of(believed, none)
+    alone = search.climb_bluntly(kept)
+    begun = [alone if start is believed else search.climb_bluntly(search.of(start, none)) for start in starts]
+    together = max((search.climb(one.sight, True) for one in begun), key=attrgetter("log_evidence"))
+    costs = CLEAR + turn_costs
+    covariance = torch.linalg.inv(together.precision)
+    told, turned = covariance[3:, 3:], torch.linalg.inv(covariance[:3, :3])
+    any_shift = alone.log_evidence - alone.height
+    best_moved = max(alone.log_evidence, together.log_evidence - costs) - any_shift
+    log_gain = min(best_moved - kept.log_evidence, _moved_rather_than_not(together))
+    still = None
+    if log_gain < _DECIDED:
+        still = max((rotations.climb(start) for start in starts), key=attrgetter("log_evidence"))
+        log_gain = best_moved - max(kept.log_evidence, still.log_evidence - costs)
+    if still is None or log_gain > MOVED:
+        gained = together.log_evidence - alone.log_evidence
+        chosen = together.sight if gained > costs else alone.sight
+        trial = alone.sight.trial if chosen is alone.sight else search.moved(kept, chosen.shift).trial
+        summit = Summit(together.sight.trial, turned, trial.log_evidence + gained, together.converged)
+        return Joint(trial, summit, chosen.shift, told, log_gain)
+    away = together.sight.shift
+    if together.sight.log_evidence - kept.log_evidence >= _PREFERRED:
+        told = told + torch.outer(away, away)
+    summit = Summit(still.trial, turned, still.log_evidence, still.converged and together.converged)
+    return Joint(believed, summit, None, told, log_gain)
+
+
+def _moved_rather_than_not(together: SightSummit) -> float:
+    """Log odds of a silhouette moved by anything against none, with any rotation [Savage-Dickey]."""
+    covariance = torch.linalg.inv(together.precision)[3:, 3:]
+    shift = together.sight.shift
+    there = -0.5 * float(shift @ torch.linalg.solve(covariance, shift) + torch.logdet(covariance))
+    return -3 * log(EXPECTED) - there

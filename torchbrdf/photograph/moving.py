@@ -1,0 +1,115 @@
+"""What a photograph shows of a ball whose silhouette is not quite known, and how that changes with the silhouette."""
+
+from __future__ import annotations
+
+from copy import copy
+from functools import cached_property
+from math import atan, degrees, exp, radians, tan
+
+import torch
+from torch import Tensor
+
+from torchbrdf.camera import Ball
+from torchbrdf.photograph._summed_area import Boxes, SummedArea
+from torchbrdf.photograph.observation import tilted_boxes
+from torchbrdf.photograph.silhouette import Circle
+from torchbrdf.view import SphereView
+
+REACH = 0.08
+"""Radii by which a silhouette can move and grow."""
+
+_SOFT = 1 - 0.5**0.5
+"""Pixels of the photograph to each side over which what is seen is smeared: the noise of a mean over a box whose sides
+lie on edges of pixels is then that of one whose sides cut pixels in half. Without, no place looks as noisy as a right
+one."""
+
+_WHOLE = 1 - 1e-6
+
+
+class MovingSilhouette:
+    """A ball in a photograph, N x N pixels of it wherever its silhouette is within reach.
+
+    guess   the silhouette from which shifts (3,) count: to the right, up, both in its radii as the camera turned
+            towards it sees them, and the logarithm of the growth of the radius
+    used    (P,) bool: the pixels of the view whose area is usable wherever the silhouette is; background counts, so
+            that the same pixels are compared everywhere. Exact blackness does not: it is what a cut-out leaves around
+            a ball, and its edge is that of whole pixels
+    """
+
+    def __init__(self, image: Tensor, guess: Circle | Ball, mask: Tensor | None, n: int) -> None:
+        """See `observe` for what they are. Raises ValueError where there is no such pixel."""
+        usable = torch.isfinite(image).all(0, keepdim=True) & (image != 0).any(0, keepdim=True)
+        if mask is not None:
+            usable &= mask
+        self.guess, self._soft = guess, _SOFT
+        self._n, self._pixels = n, SphereView(n).pixels
+        grown = self._boxes(torch.zeros(3, dtype=torch.float64), self._farthest)
+        self.used = ((SummedArea(usable).over(grown) / grown.area).amin(-1) > _WHOLE)[0]
+        if not bool(self.used.any()):
+            raise ValueError(
+                f"the {guess} cannot be searched: none of its pixels is usable wherever it may lie within "
+                f"{REACH:.0%} of its radius; leave more of the photograph around it"
+            )
+        self._pixels = self._pixels[self.used]
+        self._sums = SummedArea(torch.where(usable, image, 0))
+
+    def smeared(self, pixels: float) -> MovingSilhouette:
+        """The same, smeared over so many pixels of the view to each side where that is more."""
+        other = copy(self)
+        other._soft = max(_SOFT, pixels * 2 * self.radius / self._n)
+        return other
+
+    def at(self, shift: Tensor) -> Circle | Ball:
+        """The silhouette after a shift."""
+        right, up, growth = shift.tolist()
+        if isinstance(self.guess, Circle):
+            x, y, radius = self.guess.x, self.guess.y, self.guess.radius
+            return Circle(x + right * radius, y - up * radius, radius * exp(growth))
+        wide = tan(radians(self.guess.radius_deg))
+        middle = self.guess.rotation @ torch.tensor([wide * right, wide * up, -1.0], dtype=torch.float64)
+        x, y, z = middle.tolist()
+        return Ball(self.guess.camera, (x, y, z), degrees(atan(wide * exp(growth))))
+
+    def seen(self, shift: Tensor) -> Tensor:
+        """(3, P): mean radiance of the pixels used, for a shift."""
+        boxes = self._boxes(shift, None)
+        return (self._sums.over(boxes) / boxes.area).mean(-1)
+
+    def change(self, shift: Tensor) -> Tensor:
+        """(3, 3, P): derivatives of `seen` by the shift, exact: radiance along the sides of boxes."""
+        slope: Tensor = torch.func.jacfwd(self.seen)(shift)
+        return slope.movedim(-1, 0)
+
+    @cached_property
+    def radius(self) -> float:
+        """Of the guess, in pixels of the photograph."""
+        return self.guess.radius if isinstance(self.guess, Circle) else self.guess.circle[2]
+
+    @property
+    def _farthest(self) -> Tensor:
+        """(P, 1): by how many pixels of the photograph each pixel can move."""
+        middles = (torch.arange(self._n, dtype=torch.float64) + 0.5) * (2 / self._n) - 1
+        distance = torch.hypot(middles, middles[:, None]).flatten()[self._pixels]
+        return (REACH * self.radius * (1 + distance) + _SOFT)[:, None]
+
+    def _boxes(self, shift: Tensor, grown: Tensor | None) -> Boxes:
+        """(P, S): of the pixels, grown by so many pixels of the photograph to each side, else smeared."""
+        size = torch.exp(shift[2])
+
+        def places(x: Tensor, y: Tensor) -> Tensor:
+            x, y = size * x + shift[0], size * y + shift[1]
+            if isinstance(self.guess, Circle):
+                radius = self.guess.radius
+                return torch.stack([self.guess.x + radius * x, self.guess.y - radius * y], -1)
+            return self.guess.places(x, y)
+
+        boxes = tilted_boxes(places, self._n, 1) if isinstance(self.guess, Circle) else tilted_boxes(places, self._n)
+        left, right, top, bottom = (
+            side.flatten(0, 1)[self._pixels] for side in (boxes.left, boxes.right, boxes.top, boxes.bottom)
+        )
+        if grown is not None:
+            return Boxes(left - grown, right + grown, top - grown, bottom + grown)
+        one = torch.tensor([-self._soft, self._soft], dtype=torch.float64)
+        x, y = one.repeat(2), one.repeat_interleave(2)
+        moved = [(side[..., None] + by).flatten(1) for side, by in ((left, x), (right, x), (top, y), (bottom, y))]
+        return Boxes(*moved)
