@@ -133,4 +133,4 @@ def test_a_number_of_a_ball_needs_balls_that_are_found(fit, photo, other):
 @pytest.mark.usefixtures("reports")
 def test_the_field_of_view_is_that_of_the_whole_photograph(fit, photo):
     _, lines, _ = fit(photo, "--circle", 44, 27, 24, "--fov", 60)
-    assert "radius 24.0 pixels, as given, 5.5 degrees off the axis of a camera of 60 degrees across, as given; " in lines[0]
+    assert "radius 24.0 pixels, as given, 5.5 degrees off the axis of a camera of 60 degrees across, as " in lines[0]

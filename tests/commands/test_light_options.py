@@ -64,6 +64,22 @@ def test_the_reflectance_is_divided_out(photograph):
         assert float(found.mean_radiance[1] / whole.mean_radiance[1]) == pytest.approx(factor, rel=1e-6)
 
 
+def test_a_mirror_ball_in_perspective(photograph):
+    given = (*BALL, "--probe-circle", *CIRCLE)
+    probe = open_probe(parsed(photograph, *given, "--probe-fov", 40))
+    assert probe.reading.startswith("mirror ball, ball of ")
+    assert "off the axis of a camera of 40 degrees across" in probe.reading
+    assert float(probe.mean_radiance[0]) == 0
+
+
+def test_a_near_camera_and_a_ball_from_infinity_are_a_warning(photograph):
+    """The field of view is the photograph's: nothing says that the ball's picture has it, too."""
+    options = parsed(photograph, *BALL, "--probe-circle", *CIRCLE)
+    options.fov = 40.0
+    with pytest.warns(UserWarning, match=r"--probe-fov DEG gives the horizontal field of view of the mirror ball"):
+        open_probe(options)
+
+
 def test_rows_from_pole_to_pole(tmp_path):
     radiance = torch.rand(3, 8, 16, generator=torch.Generator().manual_seed(0))
     write_image(tmp_path / "probe.exr", radiance)
@@ -81,6 +97,7 @@ def test_rows_from_pole_to_pole(tmp_path):
         ("--probe-circle", 8, 8, 8),
         ("--probe-mask", "mask.png"),
         ("--mirror-reflectance", 0.5),
+        ("--probe-fov", 40),
     ],
 )
 def test_the_default_probe_is_no_file(option):

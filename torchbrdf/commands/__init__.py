@@ -12,8 +12,8 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 _FIRST = (
-    "demo", "merge", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export", "verify",
-    "classes",
+    "demo", "merge", "probe", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export",
+    "verify", "classes",
 )  # fmt: skip
 """In the order in which a user meets them; the others follow by name."""
 

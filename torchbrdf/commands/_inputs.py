@@ -16,7 +16,9 @@ from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, Spher
 RESULT = "brdf.binary"
 """The table in a folder that `torchbrdf fit` writes."""
 
-_READING = ("probe_layer", "probe_layout", "probe_rows", "probe_circle", "probe_mask", "mirror_reflectance")
+_READING = (
+    "probe_layer", "probe_layout", "probe_rows", "probe_circle", "probe_mask", "probe_fov", "mirror_reflectance",
+)  # fmt: skip
 _CAMERA = ("toward", "up", "target", "width")
 
 
@@ -37,6 +39,14 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
         with about(options.probe_mask):
             found = find_circle((mask.shape[1], mask.shape[2]), mask)
         circle = found.x, found.y, found.radius
+    near = getattr(options, "fov", None) is not None or getattr(options, "focal_mm", None) is not None
+    if options.probe_layout == "mirror_ball" and options.probe_fov is None and near:
+        warnings.warn(
+            f"{options.probe}: the mirror ball is read as seen from infinity; --fov is of the photograph alone, and "
+            "--probe-fov DEG gives the horizontal field of view of the mirror ball's whole picture",
+            UserWarning,
+            stacklevel=2,
+        )
     return LightProbe.open(
         options.probe,
         layout=options.probe_layout,
@@ -45,6 +55,7 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
         circle=circle,
         mask=mask,
         reflectance=options.mirror_reflectance,
+        fov_deg=options.probe_fov,
         primaries=options.primaries,
         layer=options.probe_layer,
         unknown_lamps=getattr(options, "align", False),

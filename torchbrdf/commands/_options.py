@@ -127,6 +127,8 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
     parser.add_argument(f"--{light}-circle", **kind, help=text)
     text = "image that is white where such a disc may be used"
     parser.add_argument(f"--{light}-mask", type=Path, metavar="FILE", help=text)
+    text = "horizontal field of view of a mirror ball's whole picture, as given; default: seen from infinity"
+    parser.add_argument(f"--{light}-fov", type=number(0, 180), metavar="DEG", help=text)
     if light == "probe":
         text = "share of the light that the mirror ball reflects, one number or R G B; default: all"
         parser.add_argument("--mirror-reflectance", type=number(0), nargs="+", metavar="R", help=text)

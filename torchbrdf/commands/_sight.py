@@ -91,7 +91,7 @@ def _ball(
     """What a photograph shows of a ball, the view of it, its silhouette, and in words how that was found."""
     with about(options.photo):
         camera, told = open_camera(options, options.photo, photograph.size)
-        silhouette, origin = _silhouette(options, photograph, camera)
+        silhouette, origin = find_silhouette(options, photograph, camera)
         observation = observe(photograph.image, silhouette, photograph.usable, size)
         ball = silhouette if isinstance(silhouette, Ball) else None
         view = open_view(options, observation.image.shape[-1], ball)
@@ -99,10 +99,10 @@ def _ball(
     return observation, view, silhouette, f"{silhouette}, {origin}{seen}"
 
 
-def _silhouette(
+def find_silhouette(
     options: argparse.Namespace, photograph: Photograph, camera: PinholeCamera | None
 ) -> tuple[Circle | Ball, str]:
-    """Where the ball is, and how that was found."""
+    """Where the ball is, by `options.circle`, `.mask`, `.ball` and `.photo`, and how that was found."""
     if options.circle is not None:
         if options.ball is not None:
             raise ValueError(

@@ -88,8 +88,9 @@ def _other_light(options: argparse.Namespace) -> LightProbe:
     """The probe of `--light`."""
     from torchbrdf.commands._inputs import open_probe
 
-    read = {f"probe_{key}": getattr(options, f"light_{key}") for key in ("layer", "layout", "rows", "circle", "mask")}
-    read |= {"probe": options.light, "mirror_reflectance": None}
+    keys = ("layer", "layout", "rows", "circle", "mask", "fov")
+    read = {f"probe_{key}": getattr(options, f"light_{key}") for key in keys}
+    read |= {"probe": options.light, "mirror_reflectance": None, "fov": None, "focal_mm": None}
     try:
         return open_probe(argparse.Namespace(**vars(options) | read))
     except ValueError as error:

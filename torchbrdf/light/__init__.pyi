@@ -1,3 +1,4 @@
+from ._picture import checked_reflectance as checked_reflectance
 from .lamps import Lamps as Lamps
 from .latlong import (
     area_mean as area_mean,

@@ -9,12 +9,14 @@ from typing import get_args
 import torch
 from torch import Tensor
 
+from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import ColourSpace, Picture, read_picture
 from torchbrdf.images.formats import read_headers
 from torchbrdf.light._soundness import fill, share_and_place, sound, warn
 from torchbrdf.light.lamps import Lamps, bounded, lamps_of
 from torchbrdf.light.latlong import from_bands, from_edge_columns, resize, row_solid_angles
-from torchbrdf.light.layouts import Circle, layout_of, looks_like
+from torchbrdf.light.layouts import Circle, Cube, Disc, layout_of, looks_like
+from torchbrdf.light.mirror import MirrorPicture, Reflection
 from torchbrdf.light.settings import Layout, Rows
 
 ROWS_KEY = "probeRows"
@@ -44,6 +46,7 @@ class LightPicture:
     circle: Circle | None = None
     mask: Tensor | None = None
     reflectance: float | Sequence[float] | None = None
+    fov_deg: float | None = None
     primaries: ColourSpace = "rec709"
     layer: str | None = None
     unknown_lamps: bool = False
@@ -117,6 +120,7 @@ class LightPicture:
             ("--probe-circle (circle= in Python)", self.circle, disc, "mirror_ball and angular"),
             ("--mirror-reflectance (reflectance= in Python)", self.reflectance, self.layout == "mirror_ball",
              "mirror_ball"),
+            ("--probe-fov (fov_deg= in Python)", self.fov_deg, self.layout == "mirror_ball", "mirror_ball"),
         ):  # fmt: skip
             if given is not None and not fits:
                 raise ValueError(
@@ -134,7 +138,12 @@ class LightPicture:
     ) -> tuple[Tensor, Lamps | None, str]:
         title = layout.replace("_", " ")
         what = f"{self.name}, a picture of layout {layout},"
-        picture = layout_of(layout).placed((image.shape[1], image.shape[2]), self.circle, what)
+        picture: Disc | Cube | MirrorPicture = layout_of(layout).placed(
+            (image.shape[1], image.shape[2]), self.circle, what
+        )
+        if isinstance(picture, Disc) and self.fov_deg is not None:
+            camera = PinholeCamera.of_fov(picture.size, self.fov_deg)
+            picture = MirrorPicture(Reflection(Ball.of_circle(camera, *picture.circle)))
         weights = picture.weights()
         said = f"{title}, {picture.description}"
         excluded = torch.zeros_like(weights, dtype=torch.bool)
@@ -143,7 +152,7 @@ class LightPicture:
         layers, lamps = self._sound(image, torch.where(excluded, 0.0, weights), repair)
         layers = fill(layers, (weights > 0) & ~excluded, excluded)
         if self.reflectance is not None:
-            factors = _reflectance(self.reflectance)
+            factors = checked_reflectance(self.reflectance)
             layers = layers.unflatten(0, (-1, 3)) / layers.new_tensor(factors).view(-1, 1, 1)
             layers = layers.flatten(0, 1)
             said += f", reflectance {' '.join(f'{factor:g}' for factor in factors)}"
@@ -179,7 +188,8 @@ def check_proportions(height: int, width: int, name: str) -> None:
         )
 
 
-def _reflectance(given: float | Sequence[float]) -> list[float]:
+def checked_reflectance(given: float | Sequence[float]) -> list[float]:
+    """One or three shares of the light. Raises ValueError for others."""
     factors = [float(each) for each in ([given] if isinstance(given, (int, float)) else given)]
     if len(factors) not in (1, 3) or not all(0 < each <= 1 for each in factors):
         raise ValueError(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -76,6 +76,7 @@ class LightProbe:
         circle: tuple[float, float, float] | None = None,
         mask: Tensor | None = None,
         reflectance: float | Sequence[float] | None = None,
+        fov_deg: float | None = None,
         primaries: ColourSpace = DEFAULT_SPACE,
         layer: str | None = None,
         unknown_lamps: bool = False,
@@ -96,13 +97,17 @@ class LightProbe:
         mask       (1, h, w) bool, True where such a picture may be used; what the disc lacks is filled with `repair`,
                    and an error without it
         reflectance  of a mirror ball, 0 < r <= 1, one number or one for each of R, G and B: radiance is divided by it
+        fov_deg    of a mirror ball: the horizontal field of view of its whole picture, which is then unwrapped in
+                   perspective, into the frame of its camera; default: seen from infinity, in the middle
         primaries, layer  as for `read_image`
         unknown_lamps  as for the constructor
         raises     FileNotFoundError, ValueError
         """
         if height is not None:
             _checked_height(height)
-        picture = LightPicture(Path(path), layout, rows, circle, mask, reflectance, primaries, layer, unknown_lamps)
+        picture = LightPicture(
+            Path(path), layout, rows, circle, mask, reflectance, fov_deg, primaries, layer, unknown_lamps
+        )
         radiance, lamps, reading = picture.to_latlong(height, repair)
         return cls._of(radiance, lamps, picture.name, reading)
 
@@ -265,16 +270,22 @@ class LightProbe:
         more = (factors.to(self._radiance) - 1)[:, None, None] * self.lamps.radiance
         return self._of((self._radiance + more).clamp_min(0), None, self._name, self._reading)
 
-    def save(self, path: str | os.PathLike[str], primaries: ColourSpace = DEFAULT_SPACE) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        primaries: ColourSpace = DEFAULT_SPACE,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
         """Write the radiance as an .exr file that says that its rows run from pole to pole; `open` gives it back.
 
         primaries  the colour space of the radiance, which the file then names
+        metadata   further attributes, by name
         raises     ValueError for another suffix, OSError where the file cannot be written
         """
         if Path(path).suffix.lower() != ".exr":
             raise ValueError(f"{path}: a light probe is saved as .exr, which can say how its rows lie; name it .exr")
         known = {} if self.lamps is not None else {LAMPS_KEY: KNOWN}
-        write_image(path, self._radiance, {ROWS_KEY: "poles", **known}, primaries=primaries)
+        write_image(path, self._radiance, {**(metadata or {}), ROWS_KEY: "poles", **known}, primaries=primaries)
 
     def to(self, device: torch.device | str) -> LightProbe:
         """The probe on another device."""

@@ -1,0 +1,41 @@
+"""What metals reflect."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from torchbrdf.light.mirror import Metal
+from torchbrdf.light.mirror.metals import fresnel
+
+
+def test_straight_on_the_reflectance_is_the_closed_form():
+    n, k = np.array([0.2, 1.5, 3.2]), np.array([3.1, 0.0, 3.3])
+    expected = ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
+    np.testing.assert_allclose(fresnel(np.ones(3), n, k), expected, rtol=1e-12)
+
+
+def test_at_brewster_s_angle_glass_reflects_one_polarisation_alone():
+    index = 1.5
+    cosine = np.cos(np.arctan(index))
+    across = ((cosine**2 - np.sin(np.arctan(index)) ** 2) / 1) ** 2
+    assert fresnel(np.array([cosine]), np.array([index]), np.array([0.0]))[0] == pytest.approx(across / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "low", "high"), [("Al", 0.9, 0.93), ("Cr", 0.55, 0.72), ("Ag", 0.9, 0.98)])
+def test_metals_reflect_what_handbooks_say(name, low, high):
+    """Of visible light, straight on: aluminium 0.91 to 0.92, chromium 0.55 to 0.7, silver 0.9 (blue) to 0.98."""
+    straight = Metal.open(name).reflectance(torch.zeros(()))
+    assert low < float(straight.min()) <= float(straight.max()) < high
+
+
+def test_gold_is_yellow_and_all_reflect_everything_at_grazing():
+    gold = Metal.open("Au").reflectance(torch.tensor([0.0, math.pi / 2]))
+    assert float(gold[0, 0]) > 0.9 > float(gold[0, 1]) > 0.6 > float(gold[0, 2])
+    torch.testing.assert_close(gold[1], torch.ones(3))
+
+
+def test_an_unknown_metal_is_refused_with_those_that_are_there():
+    with pytest.raises(ValueError, match=r"^no metal 'Chrome' in Mitsuba's data; there are Ag, Al, .*Cr.*$"):
+        Metal.open("Chrome")

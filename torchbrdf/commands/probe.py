@@ -1,0 +1,179 @@
+"""`torchbrdf probe`: from photographs of a mirror ball to a light probe."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+from torchbrdf.commands._options import LARGEST_SIZE, add_camera, add_output, add_strict, number, whole_number
+from torchbrdf.files import writing
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace
+
+if TYPE_CHECKING:
+    from torchbrdf.light.mirror import Metal, MirrorPhotograph, MirrorProbe
+
+_MUCH_SPHERE, _MUCH_LIGHT = 0.1, 0.05
+"""Shares that are filled in: above one of them the command warns."""
+
+_ANOTHER_SIDE = 20.0
+"""Degrees between two cameras, below which the second shows little more than the first."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Which photographs, by which camera, of which ball."""
+    text = "linear HDR photograph of the mirror ball; a second, by the same camera from another side, shows the rest"
+    parser.add_argument("photos", type=Path, nargs="+", metavar="PHOTO", help=text)
+    text = "horizontal field of view of the whole photograph, as given"
+    parser.add_argument("--fov", type=number(0, 180), metavar="DEG", help=text)
+    add_camera(parser)
+    group = parser.add_argument_group("the ball", "once for each photograph, in their order")
+    text = "silhouette in pixels; default: from the mask, else found in the photograph"
+    three = ("X", "Y", "R")
+    group.add_argument("--circle", type=number(), nargs=3, metavar=three, action="append", default=[], help=text)
+    text = "image that is white where the ball may be used"
+    group.add_argument("--mask", type=Path, metavar="FILE", action="append", default=[], help=text)
+    text = "which of the balls found, from 1, the largest; default: the largest"
+    group.add_argument("--ball", type=whole_number(1), metavar="N", action="append", default=[], help=text)
+    group = parser.add_argument_group("what the ball reflects", "default: all light, with a warning")
+    text = "share of the light, one number or R G B"
+    group.add_argument("--mirror-reflectance", type=number(0), nargs="+", metavar="R", help=text)
+    text = "polished metal by Mitsuba's name, such as Ag, Al, Cr or Ni_palik: Fresnel's reflectance"
+    group.add_argument("--metal", metavar="NAME", help=text)
+    text = "take nothing from the photograph's parts beside the ball, whatever it does not show itself"
+    parser.add_argument("--no-surroundings", action="store_true", help=text)
+    text = "of the probe; default: as fine as the middle of the ball, at least 512"
+    parser.add_argument("--rows", type=whole_number(8, LARGEST_SIZE), metavar="N", help=text)
+    parser.add_argument("--layer", metavar="NAME", help="of photographs that hold several pictures")
+    text = "linear RGB of the probe, to which photographs are converted; default: %(default)s"
+    parser.add_argument("--primaries", choices=get_args(ColourSpace), default=DEFAULT_SPACE, help=text)
+    add_strict(parser)
+    add_output(parser, "the light probe, lat-long, .exr")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Unwrap a photograph of a mirror ball, or two, into a lat-long light probe in the frame of the first camera."""
+    import warnings
+
+    from torchbrdf.light import LightProbe
+    from torchbrdf.light.mirror import unwrapped
+
+    check_options(options)
+    reflectance, reflects = _reflectance(options)
+    photographs, sights = zip(*(_photograph(options, index) for index in range(len(options.photos))), strict=True)
+    found = unwrapped(photographs, reflectance, options.rows, beside=not options.no_surroundings)
+    title = " and ".join(path.name for path in options.photos)
+    probe = LightProbe(found.radiance, name=f"light of {title}")
+    with writing(options.output) as temporary:
+        probe.save(temporary, options.primaries, {"mirrorBall": "; ".join((*sights, reflects, *_told(found)))})
+    for line in (*sights, reflects, *_told(found)):
+        print(line)
+    for warning in _doubts(options, found):
+        warnings.warn(warning, UserWarning, stacklevel=2)
+    print(f"wrote {options.output}")
+    return 0
+
+
+def check_options(options: argparse.Namespace) -> None:
+    """Raise ValueError for options that do not go together."""
+    count = len(options.photos)
+    if count > 2:
+        raise ValueError(f"a mirror ball is unwrapped from one or two photographs, got {count}")
+    for name in ("circle", "mask", "ball"):
+        given = len(getattr(options, name))
+        if given not in (0, count):
+            raise ValueError(f"--{name} is given once for each photograph, in their order: {count}, got {given}")
+    if options.metal is not None and options.mirror_reflectance is not None:
+        raise ValueError("--metal and --mirror-reflectance say the same: give one of them")
+    if options.metal is not None and options.primaries != DEFAULT_SPACE:
+        raise ValueError(f"--metal is known in {DEFAULT_SPACE} alone, got --primaries {options.primaries}")
+    if options.output.suffix.lower() != ".exr":
+        raise ValueError(f"{options.output}: a light probe is saved as .exr; name it .exr")
+
+
+def _reflectance(options: argparse.Namespace) -> "tuple[list[float] | Metal, str]":
+    """What the ball reflects, and in words."""
+    from torchbrdf.light import checked_reflectance
+    from torchbrdf.light.mirror import Metal
+
+    if options.metal is not None:
+        metal = Metal.open(options.metal)
+        return metal, f"the ball is of {metal}"
+    factors = checked_reflectance(options.mirror_reflectance or 1.0)
+    return factors, f"the ball reflects {' '.join(f'{factor:g}' for factor in factors)} of the light"
+
+
+def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotograph, str]":
+    """One of them with its ball, and how that was found."""
+    import warnings
+
+    from torchbrdf.camera import Ball
+    from torchbrdf.commands._inputs import about, open_camera
+    from torchbrdf.commands._sight import find_silhouette
+    from torchbrdf.light.mirror import MirrorPhotograph
+    from torchbrdf.photograph import Photograph
+
+    path = options.photos[index]
+    circle, mask, ball_number = (
+        given[index] if given else None for given in (options.circle, options.mask, options.ball)
+    )
+    photograph = Photograph.open(path, mask, layer=options.layer, primaries=options.primaries)
+    camera, told = open_camera(options, path, photograph.size)
+    if camera is None:
+        raise ValueError(
+            f"{path}: a ball is unwrapped for its camera: give --fov DEG, or --focal-mm MM with --sensor-mm MM"
+        )
+    one = argparse.Namespace(photo=path, circle=circle, mask=mask, ball=ball_number)
+    with about(path):
+        ball, origin = find_silhouette(one, photograph, camera)
+        if not isinstance(ball, Ball):
+            raise ValueError("the ball needs its camera")
+        marked = None if photograph.mask is None else photograph.mask[0]  # NaN pixels count: they are told
+        found = MirrorPhotograph(photograph.image, ball, marked)
+    if found.empty:
+        warnings.warn(
+            f"{path}: {found.empty} pixels of the ball hold no radiance (NaN) and are filled from around them; a lamp "
+            "among them is lost: add a shorter exposure",
+            UserWarning,
+            stacklevel=2,
+        )
+    read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
+    return found, f"{path}{read}: {ball}, {origin}, {ball.off_axis_deg:.1f} degrees off the axis of a {camera}, {told}"
+
+
+def _told(found: "MirrorProbe") -> list[str]:
+    """What came out, in words."""
+    height, width = found.reflected.shape
+    lines = [] if found.turn is None else [str(found.turn)]
+    return [
+        *lines,
+        f"light of {height} x {width} texels: {found.share(found.reflected):.1%} of the sphere seen in the ball, "
+        f"{found.share(found.beside):.1%} beside it, and {found.share(found.filled):.1%}, behind it, filled from "
+        f"around with {found.light(found.filled):.1%} of the light",
+    ]
+
+
+def _doubts(options: argparse.Namespace, found: "MirrorProbe") -> list[str]:
+    """What may be wrong with it."""
+    doubts = []
+    if options.metal is None and options.mirror_reflectance is None:
+        doubts.append(
+            "the ball is taken to reflect all light, and polished chrome reflects 0.55 to 0.7 of it: the light then "
+            "comes out too dim, and every BRDF too bright; give --mirror-reflectance R or --metal NAME"
+        )
+    sphere, light = found.share(found.filled), found.light(found.filled)
+    if sphere > _MUCH_SPHERE or light > _MUCH_LIGHT:
+        cure = "a second photograph from another side" if found.turn is None else "one from a more different side"
+        doubts.append(
+            f"{sphere:.1%} of the sphere with {light:.1%} of the light are a guess, continued from around; {cure}, or "
+            "a larger picture of the ball, shows more"
+        )
+    if found.turn is not None and found.turn.degrees < _ANOTHER_SIDE:
+        doubts.append(
+            f"both photographs are from nearly the same side ({found.turn.degrees:.1f} degrees apart) and hide the "
+            "same; move the camera by 60 to 120 degrees around the ball"
+        )
+    if found.turn is not None and found.turn.gain != 1:
+        doubts.append(
+            f"the second photograph is {found.turn.gain:.3g} times as bright as the first, to which it was scaled; the "
+            "exposures differ, or the light changed"
+        )
+    return doubts
