@@ -12,7 +12,8 @@ from paths import ROOT
 @pytest.fixture
 def page(tmp_path: Path) -> Path:
     path = tmp_path / "page.md"
-    path.write_text("Text\n\n```console\n$ echo 1 > one\n1\n$ false\n```\n\n$ not here\n\n```console\n$ echo 2 > two\n```\n")
+    first, second = "$ echo 1 > one\n1\n$ false\n", "$ echo 2 > two\n"
+    path.write_text(f"Text\n\n```console\n{first}```\n\n$ not here\n\n```console\n{second}```\n")
     return path
 
 
