@@ -57,7 +57,7 @@ def shaded(normals: Tensor, view_dirs: Tensor) -> Tensor:
     return torch.stack([1 + normals[0], 1 + normals[1] * cos_o, (2 + normals[2]) * cos_o])
 
 
-def photographed(ball: Ball, samples: int = 8) -> Tensor:
+def photographed(ball: Ball, samples: int = 4) -> Tensor:
     """(3, H, W): what the camera records of a ball whose radiance is `shaded`, and a bright background."""
     height, width = ball.camera.size
     steps = [((torch.arange(n * samples) + 0.5) / samples).double() for n in (height, width)]
