@@ -17,7 +17,7 @@ _PROBE_ROWS = 96
 
 def kind_of(size: str, view: View) -> str:
     """CSS classes of a picture: its size, and whether it is clipped to a disc."""
-    return f"{size} disc" if isinstance(view, SphereView) and view.fov_deg is None else size
+    return f"{size} disc" if isinstance(view, SphereView) else size
 
 
 def ball(image: Tensor, sphere: SphereView, exposure: float, alt: str, size: str) -> str:
