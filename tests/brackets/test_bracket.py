@@ -71,6 +71,24 @@ def test_frames_are_laid_over_one_another(tmp_path):
     assert np.percentile(errors(found.image, truth), 95) < 0.1
 
 
+def with_lamp() -> np.ndarray:
+    scene = SCENE.copy()
+    scene[40:46, 50:56] = 5e4
+    return scene
+
+
+def test_a_lamp_that_only_the_shortest_holds_is_not_lost_to_a_hand_that_hardly_moved(tmp_path):
+    motions = [(0.0, 0.0, 0.0), (0.12, 0.08, 0.0), (0.0, 0.0, 0.0), (-0.1, 0.15, 0.0), (0.1, 0.0, 0.0)]
+    found = merge(bracket(tmp_path, with_lamp(), [1e-5, *TIMES], Camera(), motions))
+    assert float(found.image[1, 42:44, 52:54].mean()) == pytest.approx(5e4, rel=0.05)
+
+
+def test_a_frame_that_cannot_be_laid_over_others_that_moved_is_left_out(tmp_path):
+    motions = [(0.0, 0.0, 0.0), (3.3, -2.1, 0.2), (0.0, 0.0, 0.0), (-4.6, 1.7, 0.0), (1.5, 5.2, -0.3)]
+    with pytest.warns(UserWarning, match=r"IMG_0\.jpg: has too little in common .* which moved: left out"):
+        merge(bracket(tmp_path, with_lamp(), [1e-5, *TIMES], Camera(), motions))
+
+
 def test_files_that_did_not_move_are_not_resampled(tmp_path):
     found = merge(bracket(tmp_path, SCENE, TIMES, Camera()))
     assert found.about[2].startswith("the camera did not move")

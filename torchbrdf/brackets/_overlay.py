@@ -10,6 +10,9 @@ import numpy as np
 from torchbrdf.brackets.frames import Frame
 from torchbrdf.brackets.registration import Motion, find_motion
 
+_SLIGHT = 0.5
+"""Pixels at the corners: no more than a frame that is nearly black may be off without harm."""
+
 
 def overlay(frames: Sequence[Frame], clip: np.ndarray, reference: int, still: bool) -> dict[int, Motion]:
     """From the reference to every frame that can be laid over it, by neighbours in exposure, in their order.
@@ -17,8 +20,9 @@ def overlay(frames: Sequence[Frame], clip: np.ndarray, reference: int, still: bo
     frames  in order of exposure
     clip    (3,)  from which value on codes are clipped
     still   take all as they are
-    Warns of frames with too little in common with the others to tell: they are taken as they are where nothing else
-    moved, and left out otherwise. Raises ValueError where frames do not show the same, or too few are left.
+    Warns of frames with too little in common with the others to tell, which are left out. Where the others hardly moved
+    they lie like their neighbour instead: the shortest may show nothing but a lamp, which must not be lost. Raises
+    ValueError where frames do not show the same, or too few are left.
     """
     if still:
         return dict.fromkeys(range(len(frames)), Motion())
@@ -33,8 +37,9 @@ def overlay(frames: Sequence[Frame], clip: np.ndarray, reference: int, still: bo
                 near, tones = k, own
     unknown = [k for k in range(len(frames)) if k not in found]
     size = (frames[0].codes.shape[0], frames[0].codes.shape[1])
-    if unknown and all(motion.still(size) for motion in found.values()) and len(found) > 1:
-        found |= dict.fromkeys(unknown, Motion())
+    if unknown and all(motion.pixels(size) < _SLIGHT for motion in found.values()) and len(found) > 1:
+        known = list(found)
+        found |= {k: found[min(known, key=lambda near: abs(near - k))] for k in unknown}
         unknown = []
     if len(found) < 2:
         raise ValueError(
