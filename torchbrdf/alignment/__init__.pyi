@@ -8,5 +8,4 @@ from .learned_rotation import LearnedRotation as LearnedRotation
 from .settings import Range as Range
 from .silhouette import (
     FoundSilhouette as FoundSilhouette,
-    circle_of as circle_of,
 )

@@ -76,7 +76,7 @@ class FoundSilhouette:
         certainty = f"standard deviations {x:.2f}, {y:.2f} and {radius:.2f} pixels"
         if not self.moved:
             return f"silhouette left as it is: no other explains the photograph clearly better ({certainty})"
-        before, after = circle_of(self.guess), circle_of(self.silhouette)
+        before, after = self.guess.circle, self.silhouette.circle
         right, down, grown = (b - a for a, b in zip(before, after, strict=True))
         return (
             f"silhouette moved by ({right:+.2f}, {down:+.2f}) and its radius by {grown:+.2f} pixels to the "
@@ -106,13 +106,6 @@ def guessed(image: Tensor, mask: Tensor | None, view: View, silhouette: Circle |
     return Circle.inscribed(Window(0, 0, width, height))
 
 
-def circle_of(silhouette: Circle | Ball) -> tuple[float, float, float]:
-    """x, y and radius in pixels of the photograph."""
-    if isinstance(silhouette, Circle):
-        return silhouette.x, silhouette.y, silhouette.radius
-    return silhouette.circle
-
-
 @dataclass(frozen=True, eq=False)
 class Joint:
     """Rotation and silhouette, as found together.
@@ -139,7 +132,7 @@ class Joint:
         """What is told of it, with the photograph resampled to the pixels of its view."""
         guess = moving.guess
         found = guess if self.shift is None else moving.at(self.shift)
-        radius = circle_of(found)[2]
+        radius = found.circle[2]
         to_pixels = torch.diag(torch.tensor([radius, -radius, radius], dtype=torch.float64))
         n = view.size[0]
         return FoundSilhouette(

@@ -26,8 +26,16 @@ class Distortion:
         if len(given) not in _LENGTHS or not all(abs(k) < float("inf") for k in given):
             raise ValueError(
                 "a lens has 4, 5, 8 or 12 finite coefficients, k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]], got "
-                + " ".join(f"{k:g}" for k in given)
+                + self._listed
             )
+
+    def __str__(self) -> str:
+        """For people."""
+        return f"distortion {self._listed}"
+
+    @property
+    def _listed(self) -> str:
+        return " ".join(f"{k:g}" for k in self.coefficients)
 
     def apply(self, seen: Tensor) -> Tensor:
         """(..., 2): where the lens shows places (..., 2) that a pinhole sees."""

@@ -89,6 +89,11 @@ class Ball:
         """The angle between the camera's axis and the ball's middle."""
         return degrees(acos(min(1.0, -self.direction[2])))
 
+    @property
+    def beside(self) -> str:
+        """How far off the axis of which camera, for people."""
+        return f"{self.off_axis_deg:.1f} degrees off the axis of a {self.camera}"
+
     @cached_property
     def rotation(self) -> Tensor:
         """(3, 3) float64: from the frame of the camera turned to look at the ball's middle to the camera's own."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import atan, degrees, radians, tan
 
 import torch
@@ -44,10 +45,10 @@ class PinholeCamera:
                 "the principal point must lie in the photograph, "
                 f"{self.size[0]} x {self.size[1]}, got {self.principal[0]:g}, {self.principal[1]:g}"
             )
-        if any(self.distortion) and not bool(torch.isfinite(self.rays(self._border)).all()):
+        if self._lens is not None and not bool(torch.isfinite(self.rays(self._border)).all()):
             raise ValueError(
-                f"the distortion {' '.join(f'{k:g}' for k in self.distortion)} folds the photograph over; give "
-                "OpenCV's k1 k2 p1 p2 [k3 ...], found for this focal length"
+                f"the {self._lens} folds the photograph over; give OpenCV's k1 k2 p1 p2 [k3 ...], found for this focal "
+                "length"
             )
 
     @classmethod
@@ -79,7 +80,7 @@ class PinholeCamera:
 
     def __str__(self) -> str:
         """For people."""
-        lens = f", distortion {' '.join(f'{k:g}' for k in self.distortion)}" if any(self.distortion) else ""
+        lens = "" if self._lens is None else f", {self._lens}"
         return f"camera of {self.fov_deg:.4g} degrees across{lens}"
 
     @property
@@ -100,17 +101,21 @@ class PinholeCamera:
         x, y, z = directions.unbind(-1)
         before = torch.where(z < 0, -z, torch.nan)
         seen = torch.stack([x / before, -y / before], -1)
-        if any(self.distortion):
-            seen = Distortion(self.distortion).apply(seen)
+        if self._lens is not None:
+            seen = self._lens.apply(seen)
         return self.focal * seen + seen.new_tensor(self.axis)
 
     def rays(self, places: Tensor) -> Tensor:
         """Unit directions (..., 3) of places (..., 2) in pixels; NaN where the lens shows none there."""
         seen = (places - places.new_tensor(self.axis)) / self.focal
-        if any(self.distortion):
-            seen = Distortion(self.distortion).undo(seen)
+        if self._lens is not None:
+            seen = self._lens.undo(seen)
         x, y = seen.unbind(-1)
         return normalize(torch.stack([x, -y, -torch.ones_like(x)], -1), dim=-1)
+
+    @cached_property
+    def _lens(self) -> Distortion | None:
+        return Distortion(self.distortion) if any(self.distortion) else None
 
     @property
     def _extent(self) -> tuple[int, int]:

@@ -6,7 +6,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from torchbrdf.alignment import Alignment, FoundSilhouette, LampRadiance, align, circle_of
+from torchbrdf.alignment import Alignment, FoundSilhouette, LampRadiance, align
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._sight import Sight
 from torchbrdf.files import writing
@@ -82,7 +82,7 @@ def basis_of(found: Alignment) -> BasisImages:
 
 def silhouette_record(ball: FoundSilhouette) -> dict[str, object]:
     """What alignment.json holds of it: places in pixels of the photograph."""
-    x, y, radius = circle_of(ball.silhouette)
+    x, y, radius = ball.silhouette.circle
     return {
         "x": x,
         "y": y,

@@ -95,7 +95,7 @@ def _ball(
         observation = observe(photograph.image, silhouette, photograph.usable, size)
         ball = silhouette if isinstance(silhouette, Ball) else None
         view = open_view(options, observation.image.shape[-1], ball)
-    seen = "" if ball is None else f", {ball.off_axis_deg:.1f} degrees off the axis of a {ball.camera}, {told}"
+    seen = "" if ball is None else f", {ball.beside}, {told}"
     return observation, view, silhouette, f"{silhouette}, {origin}{seen}"
 
 

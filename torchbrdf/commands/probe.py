@@ -136,7 +136,7 @@ def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotogr
             stacklevel=2,
         )
     read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
-    return found, f"{path}{read}: {ball}, {origin}, {ball.off_axis_deg:.1f} degrees off the axis of a {camera}, {told}"
+    return found, f"{path}{read}: {ball}, {origin}, {ball.beside}, {told}"
 
 
 def _told(found: "MirrorProbe") -> list[str]:

@@ -14,7 +14,7 @@ from torchbrdf.images import ColourSpace, Picture, read_picture
 from torchbrdf.images.formats import read_headers
 from torchbrdf.light._soundness import fill, share_and_place, sound, warn
 from torchbrdf.light.lamps import Lamps, bounded, lamps_of
-from torchbrdf.light.latlong import from_bands, from_edge_columns, resize, row_solid_angles
+from torchbrdf.light.latlong import LEAST_HEIGHT, from_bands, from_edge_columns, resize, row_solid_angles
 from torchbrdf.light.layouts import Circle, Cube, Disc, layout_of, looks_like
 from torchbrdf.light.mirror import MirrorPicture, Reflection
 from torchbrdf.light.settings import Layout, Rows
@@ -26,12 +26,6 @@ LAMPS_KEY = "probeLamps"
 """That which says, by `KNOWN`, that texels at the maximum are as bright as the file has them."""
 
 KNOWN = "known"
-
-_LEAST_HEIGHT = 512
-"""Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut.
-
-The harmonic transport resolves 600 rows, so that as many cost it no time.
-"""
 
 _EDGE = 1.0  # pixels at the edge of a disc that a mask may lack: masks are drawn roughly
 
@@ -131,7 +125,7 @@ class LightPicture:
         h = image.shape[1]
         areas = torch.cos(torch.arange(h + 1, dtype=torch.float64) * (math.pi / h)).diff().neg()[:, None]
         layers, lamps = self._sound(image, areas, repair)
-        return from_bands(layers, height or h * math.ceil(_LEAST_HEIGHT / h)), lamps
+        return from_bands(layers, height or h * math.ceil(LEAST_HEIGHT / h)), lamps
 
     def _converted(
         self, layout: Layout, image: Tensor, height: int | None, repair: bool
@@ -156,7 +150,7 @@ class LightPicture:
             layers = layers.unflatten(0, (-1, 3)) / layers.new_tensor(factors).view(-1, 1, 1)
             layers = layers.flatten(0, 1)
             said += f", reflectance {' '.join(f'{factor:g}' for factor in factors)}"
-        return picture.to_latlong(layers, height or max(picture.rows, _LEAST_HEIGHT)), lamps, said
+        return picture.to_latlong(layers, height or max(picture.rows, LEAST_HEIGHT)), lamps, said
 
     def _excluded(self, mask: Tensor, weights: Tensor, inner: Tensor, repair: bool) -> Tensor:
         """(H, W) bool: pixels of the disc that the mask lacks. In its inner part they are an error without `repair`."""

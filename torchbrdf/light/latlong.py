@@ -12,6 +12,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+LEAST_HEIGHT = 512
+"""Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut.
+
+The harmonic transport resolves 600 rows, so that as many cost it no time.
+"""
+
 CPU_CHUNK = 1 << 15  # directions at a time: on a CPU the intermediate arrays then stay in cache
 _AREA_MEAN_CHUNK = 1 << 20
 

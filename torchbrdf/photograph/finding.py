@@ -77,7 +77,7 @@ class FoundBall:
     @cached_property
     def circle(self) -> Circle:
         """With the centre and the area of the silhouette."""
-        return self.silhouette if isinstance(self.silhouette, Circle) else Circle(*self.silhouette.circle)
+        return Circle(*self.silhouette.circle)
 
     @property
     def round(self) -> bool:
@@ -195,9 +195,9 @@ def _covered(a: Place, b: Place) -> bool:
 
 def _outside(silhouette: Circle | Ball, size: tuple[int, int]) -> float:
     """Share of a disc beyond the photograph's border."""
-    circle = silhouette if isinstance(silhouette, Circle) else Circle(*silhouette.circle)
+    middle_x, middle_y, radius = silhouette.circle
     across = torch.linspace(-1, 1, 101)
     x, y = torch.meshgrid(across, across, indexing="xy")
     disc = x**2 + y**2 <= 1
-    x, y = circle.x + circle.radius * x[disc], circle.y + circle.radius * y[disc]
+    x, y = middle_x + radius * x[disc], middle_y + radius * y[disc]
     return float(((x < 0) | (y < 0) | (x > size[1]) | (y > size[0])).float().mean())

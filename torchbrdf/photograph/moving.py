@@ -83,7 +83,7 @@ class MovingSilhouette:
     @cached_property
     def radius(self) -> float:
         """Of the guess, in pixels of the photograph."""
-        return self.guess.radius if isinstance(self.guess, Circle) else self.guess.circle[2]
+        return self.guess.circle[2]
 
     @property
     def _farthest(self) -> Tensor:
@@ -97,11 +97,7 @@ class MovingSilhouette:
         size = torch.exp(shift[2])
 
         def places(x: Tensor, y: Tensor) -> Tensor:
-            x, y = size * x + shift[0], size * y + shift[1]
-            if isinstance(self.guess, Circle):
-                radius = self.guess.radius
-                return torch.stack([self.guess.x + radius * x, self.guess.y - radius * y], -1)
-            return self.guess.places(x, y)
+            return self.guess.places(size * x + shift[0], size * y + shift[1])
 
         boxes = tilted_boxes(places, self._n, 1) if isinstance(self.guess, Circle) else tilted_boxes(places, self._n)
         left, right, top, bottom = (

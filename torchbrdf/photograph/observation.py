@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchbrdf.camera import Ball
+from torchbrdf.camera import Ball, wholly_inside
 from torchbrdf.photograph._summed_area import Boxes, SummedArea
 from torchbrdf.photograph.silhouette import Circle
 from torchbrdf.view import SphereView, View
@@ -45,8 +45,7 @@ def observe(
     the photograph, the mask and the silhouette, and shows no pixel that the silhouette cuts, which holds background.
     Raises ValueError where such a pixel is not finite, none is left, or all are black.
     """
-    radius = silhouette.radius if isinstance(silhouette, Circle) else silhouette.circle[2]
-    n = min(LARGEST_DEFAULT_SIZE, round(2 * radius)) if size is None else size
+    n = min(LARGEST_DEFAULT_SIZE, round(2 * silhouette.circle[2])) if size is None else size
     return _averaged(image, mask, SphereView(n), boxes_of(silhouette, n), "ball", silhouette)
 
 
@@ -106,7 +105,7 @@ def _averaged(
     image, boxes = image[:, *around], boxes.moved(-around[1].start, -around[0].start)
     usable = torch.ones_like(image[:1], dtype=torch.bool) if mask is None else mask[:, *around]
     if silhouette is not None:
-        usable = usable & _wholly_inside(silhouette, around)
+        usable = usable & wholly_inside(silhouette.contains, *around)
     finite = torch.isfinite(image).all(0, keepdim=True)
 
     def averaged(values: Tensor) -> Tensor:
@@ -124,10 +123,3 @@ def _averaged(
     if not observed.any():
         raise ValueError(f"the {what} is black: every usable pixel is 0")
     return Observation(observed, used)
-
-
-def _wholly_inside(silhouette: Circle | Ball, around: tuple[slice, slice]) -> Tensor:
-    """(h, w) bool: the pixels in these rows and columns of a photograph whose corners all lie inside."""
-    y, x = (torch.arange(side.start, side.stop + 1, dtype=torch.float64) for side in around)
-    corners = silhouette.contains(torch.stack(torch.broadcast_tensors(x, y[:, None]), -1))
-    return corners[1:, 1:] & corners[1:, :-1] & corners[:-1, 1:] & corners[:-1, :-1]

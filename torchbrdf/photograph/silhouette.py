@@ -58,10 +58,19 @@ class Circle:
         """By how many pixels, at most, in place or radius."""
         return max(abs(self.x - other.x), abs(self.y - other.y), abs(self.radius - other.radius))
 
+    @property
+    def circle(self) -> tuple[float, float, float]:
+        """x, y and radius, as of a `Ball`."""
+        return self.x, self.y, self.radius
+
+    def places(self, x: Tensor, y: Tensor) -> Tensor:
+        """(..., 2): where in the photograph x and y (...) are, to the right and up, from -1 to 1 across the ball."""
+        return torch.stack([self.x + self.radius * x, self.y - self.radius * y], -1)
+
     def outline(self, n: int = 256) -> Tensor:
         """(n, 2) float64: points of it in the photograph, in pixels."""
         turn = torch.arange(n, dtype=torch.float64) * (2 * pi / n)
-        return torch.stack([self.x + self.radius * torch.cos(turn), self.y - self.radius * torch.sin(turn)], -1)
+        return self.places(torch.cos(turn), torch.sin(turn))
 
     def contains(self, places: Tensor) -> Tensor:
         """(...) bool: whether places (..., 2) in pixels lie inside, to rounding."""

@@ -10,16 +10,13 @@ import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball
-from torchbrdf.light.latlong import row_solid_angles
+from torchbrdf.light.latlong import LEAST_HEIGHT, row_solid_angles
 from torchbrdf.light.mirror.filling import filled
 from torchbrdf.light.mirror.metals import Metal
 from torchbrdf.light.mirror.pixels import inside
 from torchbrdf.light.mirror.reflection import Reflection
 from torchbrdf.light.mirror.registration import Registration, find_rotation
 from torchbrdf.light.mirror.unwrapping import Reflectance, reflected, surroundings
-
-_LEAST_ROWS = 512
-"""Of the probe, as of what is made of other pictures: bilinear lookups blur less the finer they are."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ def unwrapped(
         raise ValueError(f"a mirror probe is made of one or two photographs, got {len(photographs)}")
     share = reflectance.reflectance if isinstance(reflectance, Metal) else _constant(reflectance)
     reflections = [Reflection(each.ball) for each in photographs]
-    rows = height or max(_LEAST_ROWS, *(each.rows for each in reflections))
+    rows = height or max(LEAST_HEIGHT, *(each.rows for each in reflections))
     parts = list(zip(photographs, reflections, strict=True))
     views = [reflected(one.image, one.shown & one.sound, seen, rows, share) for one, seen in parts]
     turn = None

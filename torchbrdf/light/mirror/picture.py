@@ -29,10 +29,7 @@ class MirrorPicture:
         """In words, for people."""
         ball = self.reflection.ball
         unseen = 1 - float(self.weights().sum()) / (4 * pi)
-        return (
-            f"{ball}, {ball.off_axis_deg:.1f} degrees off the axis of a {ball.camera}, {unseen:.1%} of the sphere, "
-            "behind it, filled from around"
-        )
+        return f"{ball}, {ball.beside}, {unseen:.1%} of the sphere, behind it, filled from around"
 
     def weights(self, margin: float = 0.0) -> Tensor:
         """(H, W) float64: the pixels' solid angles in sr; 0 where not wholly inside, by `margin` pixels more."""
