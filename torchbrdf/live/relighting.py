@@ -96,7 +96,7 @@ class Relighter:
             if group.zone != zone.index:
                 continue
             found = spectrum(group, light, contained, mixes).unflatten(-1, (-1, 3))
-            own = torch.diagonal(found, dim1=2, dim2=5)  # each channel of a BRDF in its own colour of the light
+            own = torch.diagonal(found, dim1=3, dim2=5)  # each channel of a BRDF in its own colour of the light
             real, imaginary = own.permute(1, 2, 3, 4, 0).flatten(2, 3)
             rings = slice(group.first_ring, group.first_ring + group.n_rings)
             series[rings, :, : len(found)] = torch.complex(real, imaginary)

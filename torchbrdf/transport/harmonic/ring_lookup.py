@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.transport.harmonic._mirror_images import MirrorImages, azimuths_of_images
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT
 from torchbrdf.transport.harmonic.views import in_perspective
@@ -29,10 +30,10 @@ _CHUNK = 256
 
 @dataclass(frozen=True)
 class GroupLookup:
-    """Sums over the places of one group of rings, for the pixels start, ..., start + Q - 1 in order of their normals.
+    """Sums over the places of one group of rings, for Q pixels from number start on in the order of `RingLookup`.
 
-    places   (N,) int32: of channel c and ring g of G, (3 a + c) G + g, with a of `place_of`
-    offsets  (3 Q,) int32: where the places of each pixel's channels start
+    places   (N,) int32: a G + g of ring g of G, with a of `place_of`
+    offsets  (Q,) int32: where the places of each pixel start
     weights  (N,) float32
     """
 
@@ -44,12 +45,12 @@ class GroupLookup:
     @property
     def pixels(self) -> slice:
         """The pixels that see the group."""
-        return slice(self.start, self.start + len(self.offsets) // 3)
+        return slice(self.start, self.start + len(self.offsets))
 
 
 @dataclass(frozen=True)
 class RingLookup:
-    """rank (P,) int64: of the view's pixels by polar angle of their normals; groups None where no pixel sees them."""
+    """rank (P,) int64: of the view's pixels, by polar angle of normals; groups None where no pixel sees them."""
 
     rank: Tensor
     groups: tuple[GroupLookup | None, ...]
@@ -60,17 +61,21 @@ class RingLookup:
 
         view  not `unsuited`, of a camera that is `facing` the shape
         """
-        points = _Points.of(view)
+        images = MirrorImages.of(view)
+        points = _Points.of(view, images.pixels)
+        source = points.rank[images.source]
+        order = torch.argsort(source, stable=True)
+        copies = MirrorImages(images.pixels, source[order], images.image[order])
         shares = (points.share, points.share * points.tilt, points.share * 4 * points.tilt * (1 - points.tilt))
         found = []
         of_zone: dict[tuple[int, int], tuple[Tensor, Tensor]] = {}
-        for order, zone, rings, places in groups:
-            if (order, zone.index) not in of_zone:
+        for term, zone, rings, places in groups:
+            if (term, zone.index) not in of_zone:
                 first, across = zone.ring_splines(points.gamma)
-                of_zone[order, zone.index] = (first, across * shares[order][:, None])
+                of_zone[term, zone.index] = (first, across * shares[term][:, None])
             dual = zone.ring_dual[:, rings.start : rings.stop]
-            found.append(_group(points, *of_zone[order, zone.index], dual, places))
-        return RingLookup(points.rank, tuple(found))
+            found.append(_group(points, copies, *of_zone[term, zone.index], dual, places))
+        return RingLookup(torch.argsort(order), tuple(found))
 
     def to(self, device: torch.device | str) -> "RingLookup":
         """On another device."""
@@ -82,11 +87,11 @@ class RingLookup:
 
 
 def place_of(azimuth: Tensor, places: int) -> Tensor:
-    """Where the azimuth (n + 1/2) 2 pi / A stands among the A places of a ring.
+    """Where the azimuth (n + 1/2) 2 pi / A, for n of any size, stands among the A places of a ring.
 
     Its quarters hold the angles t of the first quadrant, then -t, pi + t and pi - t.
     """
-    quarter = places // 4
+    quarter, azimuth = places // 4, azimuth % places
     mirrored = torch.where(azimuth % (2 * quarter) < quarter, azimuth % quarter, quarter - 1 - azimuth % quarter)
     block = torch.tensor([0, 3, 2, 1])[azimuth // quarter]
     return block * quarter + mirrored
@@ -94,9 +99,9 @@ def place_of(azimuth: Tensor, places: int) -> Tensor:
 
 @dataclass(frozen=True)
 class _Points:
-    """Points inside the pixels of a view, pixel by pixel.
+    """Points inside some pixels of a view, pixel by pixel.
 
-    rank          (P,) int64: of the pixels by polar angle of their normals
+    rank          (Q,) int64: of the pixels by polar angle of their normals
     pixel         (N,) int64: its rank
     gamma, alpha  (N,) float64: polar angle and azimuth of the normal half way between +Z and the mirror direction
     share         (N,) of the pixel's area
@@ -111,9 +116,8 @@ class _Points:
     tilt: Tensor
 
     @staticmethod
-    def of(view: View) -> "_Points":
-        """More of them in pixels whose normals vary more."""
-        pixels = view.pixels.cpu()
+    def of(view: View, pixels: Tensor) -> "_Points":
+        """More of them in pixels (Q,) whose normals vary more."""
         corners, _ = _seen_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
         rank = torch.argsort(torch.argsort(corners[2].mean(1), descending=True))
         spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
@@ -147,10 +151,13 @@ def _seen_at(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
     return points.normals.double(), tilt
 
 
-def _group(points: _Points, first: Tensor, across: Tensor, dual: Tensor, places: int) -> GroupLookup | None:
+def _group(
+    points: _Points, images: MirrorImages, first: Tensor, across: Tensor, dual: Tensor, places: int
+) -> GroupLookup | None:
     """One group, from each point's first spline (N,) and its four values (N, 4).
 
-    dual  (rings, G): the group's columns
+    images  in order of what they are images of
+    dual    (rings, G): the group's columns
     """
     touched = torch.nonzero((dual != 0).any(1)).ravel()
     near = torch.nonzero((first <= touched[-1]) & (first + SUPPORT > touched[0])).ravel()
@@ -171,17 +178,24 @@ def _group(points: _Points, first: Tensor, across: Tensor, dual: Tensor, places:
         present, index = torch.unique_consecutive(points.pixel[some], return_inverse=True)
         total = torch.zeros(len(present) * places, n_rings, dtype=torch.float64)
         for step, share in ((0, 1 - part), (1, part)):
-            azimuth = (low.long() + step) % places
-            total.index_add_(0, index * places + place_of(azimuth, places), by_ring * share)
+            total.index_add_(0, index * places + (low.long() + step) % places, by_ring * share)
         total = total.view(len(present), places * n_rings)
         row, column = torch.nonzero(total, as_tuple=True)
         for found, more in ((rows, present[row]), (columns, column), (values, total[row, column])):
             found.append(more)
-    row, place, value = torch.cat(rows), torch.cat(columns), torch.cat(values).float()
-    azimuth, ring = place // n_rings, place % n_rings
-    channels = torch.arange(3)[:, None]
-    bag = 3 * (row - start) + channels
-    order = torch.argsort(bag.ravel(), stable=True)
-    all_places = ((3 * azimuth + channels) * n_rings + ring).ravel()[order]
-    offsets = torch.searchsorted(bag.ravel()[order], torch.arange(3 * (stop - start)))
-    return GroupLookup(start, all_places.int(), offsets.int(), value.repeat(3)[order])
+    row, column, value = torch.cat(rows), torch.cat(columns), torch.cat(values).float()
+    ends = torch.searchsorted(images.source, torch.tensor([start, stop]))
+    seen = slice(int(ends[0]), int(ends[1]))
+    image, entry, offsets = _copied(row - start, images.source[seen] - start, images.image[seen])
+    turned = place_of(azimuths_of_images(places), places)
+    at = turned[image, column[entry] // n_rings] * n_rings + column[entry] % n_rings
+    return GroupLookup(seen.start, at.int(), offsets.int(), value[entry])
+
+
+def _copied(row: Tensor, source: Tensor, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """The entries of images (P,) of sources (P,), from those of the sources, by rows (N,): image, entry, offsets."""
+    counts = torch.bincount(row)
+    firsts, count = counts.cumsum(0) - counts, counts[source]
+    offsets = count.cumsum(0) - count
+    entry = torch.arange(int(count.sum())) + (firsts[source] - offsets).repeat_interleave(count)
+    return image.repeat_interleave(count), entry, offsets

@@ -96,9 +96,8 @@ class HarmonicTransport:
                 continue
             mixes = None if blend is None else group.mixes(blend)
             rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes))
-            yield group, seen.pixels, embedding_bag(
-                seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights
-            )
+            mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
+            yield group, seen.pixels, mixtures.view(3 * len(mixtures), -1)
 
     def _in_place(self, image: Tensor, view: View) -> Tensor:
         """(C, 3 P), pixels in order of their normals -> (C, 3, P) in the view's order."""
@@ -126,7 +125,7 @@ def frequencies_of(light: Tensor) -> int:
 def spectrum(
     group: Kernels, light: tuple[Tensor, Tensor], contained: int, mixes: Sequence[tuple[Tensor, Tensor]] | None = None
 ) -> Tensor:
-    """(M, 2, 3, G, R) or (M, 2, 3, G, C): series of the mixtures' radiance along the rings, or of blends of them.
+    """(M, 2, G, 3, R) or (M, 2, G, 3, C): series of the mixtures' radiance along the rings, or of blends of them.
 
     2 for real and imaginary parts, 3 for the channels of the light
     contained  frequencies of the light; M is at most that
@@ -141,22 +140,25 @@ def spectrum(
         frequencies = slice(band.low, band.low + count)
         rows = slice(group.first_row, group.first_row + band.even.shape[1])
         even, odd = (
-            torch.bmm(side[frequencies, :, rows], kernels[:count]).view(6 * count * group.n_rings, len(part))
+            torch.bmm(side[frequencies, :, rows], kernels[:count])
+            .view(2 * count, 3, group.n_rings, len(part))
+            .transpose(1, 2)
+            .reshape(6 * count * group.n_rings, len(part))
             for side, kernels, part in zip(light, (band.even, band.odd), mix, strict=True)
         )
         parts.append((even @ mix[0]).addmm_(odd, mix[1]))
     series = torch.cat(parts)
-    return series.view(-1, 2, 3, group.n_rings, series.shape[1])
+    return series.view(-1, 2, group.n_rings, 3, series.shape[1])
 
 
 def _rings(group: Kernels, series: Tensor) -> Tensor:
-    """(A 3 G, R): radiance of the mixtures at the places along the rings; channel and ring after the place."""
+    """(A G, 3 R): radiance of the mixtures at the places along the rings; rings after the place, mixtures last."""
     real, imaginary = series.flatten(2).unbind(1)
     waves = _quarter_series(len(series), group.places, str(series.device))
     terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
     e, d, s, u = (matrix @ term for matrix, term in zip(waves, terms, strict=True))
     p, q, r, t = e + d, s + u, e - d, s - u
-    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, series.shape[-1])
+    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, 3 * series.shape[-1])
 
 
 @lru_cache(maxsize=64)
