@@ -62,6 +62,14 @@ def test_what_lies_behind_is_nowhere():
     assert PinholeCamera.of_fov(SIZE, 24).project(torch.tensor([0.1, 0.2, 1.0])).isnan().all()
 
 
+def test_a_place_that_is_none_has_no_ray_and_spoils_no_other():
+    camera = PinholeCamera(SIZE, 80.0, distortion=LENS)
+    known = torch.tensor([[30.0, 20.0]])
+    rays = camera.rays(torch.cat([torch.full((1, 2), torch.nan), known]))
+    assert rays[0].isnan().all()
+    assert torch.allclose(rays[1], camera.rays(known)[0])
+
+
 @pytest.mark.parametrize("lens", [(-2.0, 0, 0, 0), (0, -3.0, 0, 0)])
 def test_a_lens_that_folds_the_photograph_is_refused(lens: tuple[float, ...]):
     with pytest.raises(ValueError, match="folds the photograph over"):

@@ -166,6 +166,10 @@ def test_where_the_sun_stands(mi, azimuth, towards):
     assert int((power > 1e-6 * power.max()).sum()) <= 9, "the sun stays within the texels around it"
 
 
+def test_rows_below_the_horizon_are_black_at_every_size(mi):
+    assert not tb.LightProbe.sky(30, height=512, sun=False).radiance[:, 300:].any()
+
+
 def test_default_sun_is_behind_the_camera_on_the_right(mi):
     probe = tb.LightProbe.sky(30, height=16)
     x, _, z = probe.sample(torch.rand(4096, 2, generator=torch.Generator().manual_seed(0)))[0].mean(0).tolist()

@@ -48,7 +48,7 @@ class Distortion:
         return torch.stack([x * radial + beside_x, y * radial + beside_y], -1)
 
     def undo(self, shown: Tensor) -> Tensor:
-        """The inverse of `apply`, by Newton's method; NaN where there is none that the middle leads to."""
+        """The inverse of `apply`, by Newton's method; NaN where there is none that the middle leads to, and of NaN."""
         goal = shown.detach().double().reshape(-1, 2)
         with torch.enable_grad():
             seen = goal.clone()
@@ -58,9 +58,9 @@ class Distortion:
                 rows = [torch.autograd.grad(value[:, axis].sum(), at, retain_graph=True)[0] for axis in range(2)]
                 slope = torch.stack(rows, 1)
                 missing = goal - value.detach()
-                if bool((missing.norm(dim=1) < _EXACT).all()):
+                if not bool((missing.norm(dim=1) >= _EXACT).any()):
                     break
-                step = torch.linalg.lstsq(slope, missing[..., None]).solution[..., 0]
+                step = torch.linalg.solve_ex(slope, missing)[0]
                 seen = seen + step * (0.5 / step.norm(dim=1, keepdim=True).clamp_min(0.5))
-        folded = ((self.apply(seen) - goal).norm(dim=1) > _EXACT) | (torch.linalg.det(slope) <= 0)
-        return torch.where(folded[:, None], torch.nan, seen).reshape(shown.shape).to(shown.dtype)
+        found = ((self.apply(seen) - goal).norm(dim=1) <= _EXACT) & (torch.linalg.det(slope) > 0)
+        return torch.where(found[:, None], seen, torch.nan).reshape(shown.shape).to(shown.dtype)

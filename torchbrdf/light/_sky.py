@@ -105,6 +105,9 @@ def _evaluate(mi: ModuleType, emitter: Any, directions: Tensor) -> Tensor:
 
     flat = directions.reshape(-1, 3)
     above = flat[:, 2] >= 0
+    radiance = torch.zeros(len(flat), 3, dtype=torch.float64)
+    if not above.any():
+        return radiance
     towards = flat[above].numpy()
     hit = dr.zeros(mi.SurfaceInteraction3f)
     if is_vectorised(mi):
@@ -115,7 +118,6 @@ def _evaluate(mi: ModuleType, emitter: Any, directions: Tensor) -> Tensor:
         for row, direction in enumerate((-towards).tolist()):
             hit.wi = mi.Vector3f(direction)
             values[row] = emitter.eval(hit)
-    radiance = torch.zeros(len(flat), 3, dtype=torch.float64)
     radiance[above] = torch.nan_to_num(torch.from_numpy(values).double(), posinf=0.0).clamp_min(0)
     return radiance
 
