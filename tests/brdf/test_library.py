@@ -243,6 +243,20 @@ class TestCombine:
         with pytest.raises(ValueError, match=r"weights must be \(30, 3\) for this library, got \(3, 30\)"):
             tiny_library.combine(torch.zeros(3, 30))
 
+    def test_several_sets_of_weights_are_each_themselves(self, tiny_library: MaterialLibrary):
+        few = torch.zeros(30, 3, dtype=torch.float64)
+        few[4, 1] = 0.5
+        sets = torch.stack([self.weights(30, 3), few])
+        for table, weights, name in zip(tiny_library.combine_each(sets, ["a", "b"]), sets, "ab", strict=True):
+            alone = tiny_library.combine(weights, name)
+            assert table.name == name
+            assert torch.equal(table.valid, alone.valid)
+            assert torch.allclose(table.values, alone.values, rtol=1e-5, atol=1e-7)
+
+    def test_a_name_for_every_set(self, tiny_library: MaterialLibrary):
+        with pytest.raises(ValueError, match=r"must be \(1, 30, 3\) for these names and this library, got \(2,"):
+            tiny_library.combine_each(torch.zeros(2, 30, 3), ["a"])
+
     def test_weights_with_a_gradient(self, tiny_library: MaterialLibrary):
         weights = torch.full((30, 3), 0.1, requires_grad=True)
         assert float(tiny_library.combine(weights).values.max()) > 0

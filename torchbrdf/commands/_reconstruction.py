@@ -20,17 +20,23 @@ from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """An observation and what came of it."""
 
-    observation: Observation
-    view: View
-    basis: BasisImages
+    subject: Subject
     classes: MaterialClasses
     estimator: BRDFEstimator
-    result: Reconstruction
-    table: MerlTable
+
+    @property
+    def result(self) -> Reconstruction:
+        """The weights."""
+        return self.subject.result
+
+    @property
+    def table(self) -> MerlTable:
+        """What they weigh, as one table."""
+        return self.subject.tables[0]
 
     @property
     def image(self) -> Tensor:
@@ -49,7 +55,7 @@ def fit(
     constraint: Constraint | None = None,
     robust: bool = False,
 ) -> Fit:
-    """Render the basis, solve, and expand the table.
+    """Render the basis and solve.
 
     penalty, constraint, robust  as `BRDFEstimator` takes them
     view   default: an orthographic sphere
@@ -60,14 +66,12 @@ def fit(
     classes = MaterialClasses.fit(library)
     estimator = BRDFEstimator(basis, classes, penalty, constraint=constraint, library=library, robust=robust)
     result = estimator(observation.image, observation.mask)
-    return Fit(observation, view, basis, classes, estimator, result, result.brdf(library))
+    return Fit(Subject(observation.image, observation.mask, result, basis, library, probe, view), classes, estimator)
 
 
 def write_results(
     folder: Path,
     fitted: Fit,
-    probe: LightProbe,
-    library: MaterialLibrary,
     settings: dict[str, str],
     primaries: ColourSpace = DEFAULT_SPACE,
     scene: Scene | None = None,
@@ -77,16 +81,14 @@ def write_results(
     write_image(folder / "fitted.exr", fitted.image, primaries=primaries)
     with writing(folder / "weights.json") as path:
         path.write_text(json.dumps({**weights_record(fitted), "primaries": primaries}, indent=1) + "\n")
-    seen = fitted.observation
-    subject = Subject(seen.image, seen.mask, fitted.result, fitted.basis, library, probe, fitted.view)
     description = settings | {
         "penalty": str(fitted.estimator.penalty),
         "constraint": str(fitted.estimator.constraint or "none"),
         "outliers": "left out" if fitted.estimator.robust else "used",
         "classes": f"{fitted.classes.sizes} basis BRDFs",
     }
-    observability = fitted.estimator.observability(library)
-    warned = write_report(folder / "report.html", subject, description, observability=observability, scene=scene)
+    observability = fitted.estimator.observability(fitted.subject.library)
+    warned = write_report(folder / "report.html", fitted.subject, description, observability=observability, scene=scene)
     for warning in warned:
         warnings.warn(warning, UserWarning, stacklevel=2)
 
@@ -105,7 +107,7 @@ def weights_record(fitted: Fit) -> dict[str, object]:
         "constraint": fitted.estimator.constraint,
         "robust": fitted.estimator.robust,
         "library": fitted.result.library,
-        "normal_coverage": fitted.basis.normal_coverage,
+        "normal_coverage": fitted.subject.basis.normal_coverage,
         "weights": [{"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used],
     }
 

@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
             "photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise",
             "light probe": probe.name,
         }
-        write_results(folder, fitted, probe, library, settings)
+        write_results(folder, fitted, settings)
         large = SphereView(PICTURE_SIZE)
         expected = render(truth, novel, large, PICTURE_SAMPLES, seed=2)
         got = render(fitted.table, novel, large, PICTURE_SAMPLES, seed=3)

@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         fitted = fit(
             observation, probe, library, options.penalty, sight.view, basis, options.constraint, options.robust
         )
-        write_results(folder, fitted, probe, library, settings, options.primaries, sight.scene)
+        write_results(folder, fitted, settings, options.primaries, sight.scene)
         if options.uncertainty:
             deviation = fitted.result.brdf_std(library).double()
             MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
     if not options.uncertainty:
         (options.output / STD).unlink(missing_ok=True)  # of an earlier photograph
     print(f"photograph {sight.about}")
-    print(f"light {lit}; {fitted.basis.description}")
+    print(f"light {lit}; {fitted.subject.basis.description}")
     if options.align:
         print(found)
     print(summary(fitted))

@@ -87,6 +87,11 @@ class Subject:
         if basis.view != self.view.fingerprint:
             raise ValueError("the basis images were rendered with another view")
 
+    @cached_property
+    def tables(self) -> list[MerlTable]:
+        """The result, and then the candidate of every class."""
+        return self.result.tables(self.library)
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -241,11 +246,11 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
     turned = probe.resized(min(probe.height, _MAX_PROBE_HEIGHT)).rotated(turn_about_y(TURN_DEG))
 
     k = len(result.class_weights)
-    tables = [result.candidate(j, library) for j in range(k)]
+    mean, *tables = subject.tables
     weights = list(result.class_weights.detach().cpu().double())
     squared = list(result.class_errors.detach().cpu())
     if averaged:
-        tables, weights = [*tables, result.brdf(library)], [*weights, result.weights.detach().cpu().double()]
+        tables, weights = [*tables, mean], [*weights, result.weights.detach().cpu().double()]
         squared = [*squared, result.error.detach().cpu()]
     fits = basis.unpack(torch.einsum("kns,nsp->ksp", torch.stack(weights).to(basis.packed), basis.packed)).cpu()
     novel = render_tables(tables, other, sphere, samples)
