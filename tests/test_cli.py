@@ -233,3 +233,22 @@ def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys
         "brdf.binary", "fitted.exr", "report.html", "weights.json"
     }  # fmt: skip
     assert tb.read_image(tmp_path / "out" / "fitted.exr").shape == (3, 32, 32)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("merge", "kept.exr", "other.exr", "--times", "1", "2", "-o", "kept.exr"),
+        ("merge", "other.exr", "--like", "kept.exr", "-o", "kept.exr"),
+        ("probe", "kept.exr", "--fov", "24", "-o", "./kept.exr"),
+        ("render", "other.exr", "--probe", "kept.exr", "-o", "kept.exr"),
+    ],
+)
+def test_an_input_is_not_written_over(capsys, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    for name in ("kept.exr", "other.exr"):
+        (tmp_path / name).write_bytes(b"an exposure")
+    assert main(list(arguments)) == 2
+    said = "kept.exr: the output is an input, which would be lost; give -o another name"
+    assert capsys.readouterr().err == f"torchbrdf: error: {said}\n"
+    assert (tmp_path / "kept.exr").read_bytes() == b"an exposure"

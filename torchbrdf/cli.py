@@ -4,6 +4,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import torchbrdf
 from torchbrdf import commands
@@ -25,11 +26,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(NAME, f"warning: {message}")
 
     warnings.showwarning = show
-    status = exit_status(NAME, options.run, options, interrupted="interrupted; nothing was written")
+    status = exit_status(NAME, _run, options, interrupted="interrupted; nothing was written")
     if status == 0 and shown and getattr(options, "strict", False):
         say(NAME, f"{len(shown)} warning{'s' * (len(shown) > 1)} with --strict; what was written stays")
         return WARNED
     return status
+
+
+def _run(options: argparse.Namespace) -> int:
+    _refuse_to_overwrite_inputs(options)
+    return int(options.run(options) or 0)
+
+
+def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
+    """Raise ValueError where the output is a file that is read, whatever either is called."""
+    output = getattr(options, "output", None)
+    if output is None or not output.is_file():
+        return
+    for name, value in vars(options).items():
+        for path in value if isinstance(value, list) else [value]:
+            if name != "output" and isinstance(path, str | Path) and Path(path).is_file() and output.samefile(path):
+                raise ValueError(f"{output}: the output is an input, which would be lost; give -o another name")
 
 
 def parser() -> argparse.ArgumentParser:

@@ -115,6 +115,7 @@ def test_what_no_exposure_holds_is_nan_and_counted(tmp_path):
 def test_a_gap_between_exposures_is_counted_apart(tmp_path):
     scene = np.full((40, 60, 3), 1.0, np.float32)
     scene[:, 30:] = 2000.0
+    scene[:2, 58:] = 0.02  # else the longer exposure is white throughout, and refused
     with pytest.warns(UserWarning, match="clipped in one exposure and black in the next"):
         found = merge(bracket(tmp_path, scene, [1e-4, 5.0], Camera(suffix=".png", noise=0)), still=True)
     assert "1200 between exposures" in found.about[3]
@@ -228,6 +229,11 @@ class TestRefused:
         with pytest.raises(ValueError, match=r"is 8-bit (PNG|JPEG), and .*: give files of one kind"):
             merge([*files, tmp_path / "other.png"])
 
+    def test_a_white_one(self, tmp_path, files):
+        Camera().take(tmp_path / "white", np.full_like(SCENE, 1e6), 1.0, np.random.default_rng(0))
+        with pytest.raises(ValueError, match=r"white\.jpg: is white throughout, clipped; leave it out"):
+            merge([*files, tmp_path / "white.jpg"])
+
     def test_no_response_explains_them(self, files):
         with pytest.raises(
             ValueError, match=r"no response explains these exposures \(\d+% apart\): the times are wrong"
@@ -240,6 +246,12 @@ class TestWarned:
         files = bracket(tmp_path, SCENE, TIMES, Camera())
         with pytest.warns(UserWarning, match=r"IMG_2\.jpg: is \d+% darker than its exposure says"):
             merge(files, [0.01, 0.04, 0.2, 0.64], response="srgb")
+
+    @pytest.mark.parametrize("power", [0.5, 2])
+    def test_times_whose_ratios_are_wrong_throughout(self, tmp_path, power):
+        files = bracket(tmp_path, SCENE, TIMES, Camera(suffix=".png"))
+        with pytest.warns(UserWarning, match=r"sRGB's to the power \d.*: their ratios are wrong.*are --times right\?"):
+            merge(files, [time**power for time in TIMES])
 
     def test_colours_that_change(self, tmp_path):
         files = bracket(tmp_path, SCENE, TIMES, Camera())

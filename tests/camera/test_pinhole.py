@@ -87,6 +87,9 @@ def test_senseless_cameras_are_refused():
         lambda: PinholeCamera.of_fov(SIZE, 180),
         lambda: PinholeCamera.of_focal(SIZE, 0, 36),
         lambda: PinholeCamera(SIZE, float("nan")),
+        lambda: PinholeCamera((0, 10), 50),
+        lambda: PinholeCamera((48.5, 72), 50),  # type: ignore[arg-type]
+        lambda: PinholeCamera((48, 72, 3), 50),  # type: ignore[arg-type]
         lambda: PinholeCamera(SIZE, 50, (73, 0)),
     ):
         with pytest.raises(ValueError, match="must"):

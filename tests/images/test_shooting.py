@@ -139,3 +139,17 @@ def test_angles_that_are_not_known(taken, message):
 def test_no_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nothing\.jpg: no such file; expected a photograph"):
         read_shooting(tmp_path / "nothing.jpg")
+
+
+@pytest.mark.parametrize(
+    ("original", "size", "doubt"),
+    [
+        ((480, 720), (480, 720), None),
+        (None, (480, 720), None),
+        (None, (720, 480), None),
+        ((480, 720), (240, 360), "is 240 x 360 and was 480 x 720 when it was taken: it is read as resized"),
+        ((480, 400), (480, 400), "is 480 x 400, a shape that no camera takes: it is read as whole all the same"),
+    ],
+)
+def test_what_may_be_a_crop(original, size, doubt):
+    assert Shooting(size=original).doubt(size) == doubt

@@ -9,12 +9,17 @@ import numpy as np
 
 from torchbrdf.brackets._choice import Chosen
 from torchbrdf.brackets.frames import Frame
+from torchbrdf.brackets.response import Curve
 from torchbrdf.brackets.samples import Samples
+from torchbrdf.images import SRGB
 
 _BLACK = 0.01
+_WHITE = 0.98
 _FEWEST = 50
 _CLEARLY = 1.1
 _BRIGHTNESS, _COLOUR, _APART = 0.05, 0.04, 0.04
+_STEEPEST = 1.5
+"""Power of sRGB's response beyond which a camera's is not believed; that of the captures' S-curve is 0.85."""
 
 
 def check_same(frames: Sequence[Frame]) -> None:
@@ -46,11 +51,13 @@ def check_same(frames: Sequence[Frame]) -> None:
 
 
 def check_shown(frames: Sequence[Frame]) -> None:
-    """Raise ValueError for an exposure that holds no finite value, or is black altogether."""
+    """Raise ValueError for an exposure that holds no finite value, or is black or white altogether."""
     for frame in frames:
         highest = frame.codes.max() if frame.codes.dtype.kind == "u" else np.nanmax(frame.codes, initial=0)
         if not highest > 0:
             raise ValueError(f"{frame.path}: is black; leave it out")
+        if frame.codes.dtype.kind == "u" and frame.codes.min() >= _WHITE * np.iinfo(frame.codes.dtype).max:
+            raise ValueError(f"{frame.path}: is white throughout, clipped; leave it out, and take shorter exposures")
 
 
 def check_order(frames: Sequence[Frame], samples: Samples, exposures: np.ndarray) -> None:
@@ -77,7 +84,12 @@ def _mean(frame: Frame) -> float:
 
 def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
     """Warn where frames do not agree with their exposures, in brightness, in colour, or along the curve."""
-    found = chosen.found
+    found, power = chosen.found, _power(chosen.curve)
+    if not 1 / _STEEPEST < power < _STEEPEST:
+        _warn(
+            f"{frames[0].path} and others: by these times the response is about sRGB's to the power {power:.2f}, as no "
+            f"camera's is: their ratios are wrong, perhaps to the power {power:.2f}; are --times right?"
+        )
     worst = int(np.argmax(np.abs(found.by_frame)))
     amount = np.expm1(found.by_frame[worst])
     alone = (np.abs(found.by_frame) > _BRIGHTNESS).sum() == 1 or chosen.curve.known is None
@@ -103,6 +115,15 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
             f"{frames[0].path} and others: exposures are {apart:.0%} apart under this response: the scene moved, or "
             f"the response is another{cure}"
         )
+
+
+def _power(curve: Curve) -> float:
+    """Of sRGB's response that is nearest to an estimated one; 1 for others."""
+    if curve.known is not None:
+        return 1.0
+    codes = np.linspace(0.1, 0.9, 33)
+    wanted = np.log(SRGB.decode(codes))
+    return float(np.mean([np.polyfit(wanted, np.log(curve.decode(codes, channel)), 1)[0] for channel in range(3)]))
 
 
 def _warn(message: str) -> None:

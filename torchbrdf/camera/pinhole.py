@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan, degrees, radians, tan
+from numbers import Integral
 
 import torch
 from torch import Tensor
@@ -36,6 +37,8 @@ class PinholeCamera:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        if len(self.size) != 2 or not all(isinstance(n, Integral) and n > 0 for n in self.size):
+            raise ValueError(f"the size must be height and width, two whole numbers above 0, got {self.size}")
         if not 0 < self.focal < float("inf"):
             raise ValueError(f"the focal length must be positive and finite, got {self.focal:g} pixels")
         if self.principal is not None and not all(

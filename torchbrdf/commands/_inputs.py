@@ -4,11 +4,12 @@ import argparse
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import log
 from pathlib import Path
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
 from torchbrdf.camera import Ball, PinholeCamera
-from torchbrdf.images import DEFAULT_SPACE, converted, read_mask, read_shooting, readable_suffixes
+from torchbrdf.images import DEFAULT_SPACE, Shooting, converted, read_mask, read_shooting, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
@@ -19,6 +20,8 @@ RESULT = "brdf.binary"
 _READING = (
     "probe_layer", "probe_layout", "probe_rows", "probe_circle", "probe_mask", "probe_fov", "mirror_reflectance",
 )  # fmt: skip
+_DENIED = 0.1
+"""Of the focal length's logarithm: focusing near makes it longer, and files round it."""
 _CAMERA = ("toward", "up", "target", "width")
 
 
@@ -76,13 +79,14 @@ def open_camera(options: argparse.Namespace, path: Path, size: tuple[int, int]) 
     distortion = options.distortion or ()
     if (options.focal_mm is None) != (options.sensor_mm is None):
         raise ValueError("--focal-mm and --sensor-mm belong together: give both, or --fov")
+    shooting = read_shooting(path)
     if options.fov is not None:
         if options.focal_mm is not None:
             raise ValueError("--fov and --focal-mm say the same: give one of them")
-        return PinholeCamera.of_fov(size, options.fov, principal, distortion), "as given"
+        return _not_denied(PinholeCamera.of_fov(size, options.fov, principal, distortion), path, shooting), "as given"
     if options.focal_mm is not None:
-        return PinholeCamera.of_focal(size, options.focal_mm, options.sensor_mm, principal, distortion), "as given"
-    shooting = read_shooting(path)
+        camera = PinholeCamera.of_focal(size, options.focal_mm, options.sensor_mm, principal, distortion)
+        return _not_denied(camera, path, shooting), "as given"
     if shooting.focal_mm or shooting.focal_35mm_mm:
         try:
             focal = shooting.focal_pixels(size)
@@ -90,11 +94,31 @@ def open_camera(options: argparse.Namespace, path: Path, size: tuple[int, int]) 
             message = f"{path} {error}: the camera's field of view is not known; give --fov"
             warnings.warn(message, UserWarning, stacklevel=2)
         else:
-            return PinholeCamera(size, focal, principal, tuple(distortion)), "by what the file says"
+            if (doubt := shooting.doubt(size)) is not None:
+                message = f"{path} {doubt}; if it is cropped, give --fov and --principal of what is left"
+                warnings.warn(message, UserWarning, stacklevel=2)
+            whole = "" if shooting.size else ", taken as whole"
+            return PinholeCamera(size, focal, principal, tuple(distortion)), f"by what the file says{whole}"
     for key in ("principal", "distortion"):
         if getattr(options, key) is not None:
             raise ValueError(f"--{key} needs the camera's field of view: give --fov, or --focal-mm with --sensor-mm")
     return None, ""
+
+
+def _not_denied(camera: PinholeCamera, path: Path, shooting: Shooting) -> PinholeCamera:
+    """The camera that is given; warns where the file tells of quite another."""
+    try:
+        focal = shooting.focal_pixels(camera.size)
+    except ValueError:
+        return camera
+    if abs(log(focal / camera.focal)) > _DENIED:
+        other = PinholeCamera(camera.size, focal)
+        message = (
+            f"{path}: is by a {other} as its file says, and by one of {camera.fov_deg:.4g} as given, which is taken; "
+            "--fov is across the width of the whole photograph"
+        )
+        warnings.warn(message, UserWarning, stacklevel=3)
+    return camera
 
 
 def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) -> View:

@@ -109,6 +109,9 @@ def find_silhouette(
                 f"--ball {options.ball} chooses among the balls found, and --circle gives one: leave one out"
             )
         circle = Circle(*options.circle)
+        height, width = photograph.size
+        if not circle.holds(height, width).any():
+            raise ValueError(f"--circle, {circle}, is outside the photograph, which is {width} wide and {height} high")
         if circle.leaves(*photograph.size):
             message = f"{options.photo}: --circle, {circle}, leaves the photograph on opposite sides"
             warnings.warn(message, UserWarning, stacklevel=2)

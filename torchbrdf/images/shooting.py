@@ -30,6 +30,8 @@ _SENSOR_MM = (2.0, 70.0)
 _AGREE = 0.1
 """The two ways to the angle of view may differ by so much: a focal length in 35 mm film is a whole number."""
 _SAME_SHAPE = 0.01
+_SHAPES = (1, 5 / 4, 4 / 3, 3 / 2, 16 / 9, 256 / 135, 2)
+"""Of the pictures that cameras take: the longer side over the shorter."""
 _ERRORS = (OSError, ValueError, SyntaxError, LookupError, TypeError, ArithmeticError, AttributeError, struct.error)
 """What Pillow raises for damaged EXIF data."""
 
@@ -87,6 +89,19 @@ class Shooting:
                 f"and of {found[1]:.0f} by that in 35 mm film"
             )
         return found[0] * size[1] / width
+
+    def doubt(self, size: tuple[int, int]) -> str | None:
+        """Why a picture (height, width) may not show all of the original, as `focal_pixels` takes it to; None if none.
+
+        In words for a message that begins with the file.
+        """
+        height, width = self.size or size
+        if (height, width) != size:
+            return f"is {size[0]} x {size[1]} and was {height} x {width} when it was taken: it is read as resized"
+        shape = max(size) / min(size)
+        if all(abs(shape / known - 1) > _SAME_SHAPE for known in _SHAPES):
+            return f"is {size[0]} x {size[1]}, a shape that no camera takes: it is read as whole all the same"
+        return None
 
     def attributes(self) -> dict[str, str | float]:
         """What `read_shooting` finds in an .exr file with these attributes, as `write_image` takes them."""

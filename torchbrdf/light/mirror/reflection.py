@@ -71,15 +71,22 @@ class Reflection:
         """(...): how finely pixels show light along the ball's radius, where they do least: 1 in the middle to 0."""
         return torch.nan_to_num(torch.cos(self.incidence(g)).clamp_min(0))
 
+    def normals_at(self, places: Tensor) -> Tensor:
+        """(..., 3): unit normals of the ball at places (..., 2) of the photograph; NaN beside it."""
+        return self._hit(self.ball.camera.rays(places))
+
     def light(self, places: Tensor) -> Tensor:
         """(..., 3): unit directions from which the light at places (..., 2) of the photograph comes; NaN beside it."""
         rays = self.ball.camera.rays(places)
+        normals = self._hit(rays)
+        return rays - 2 * (rays * normals).sum(-1, keepdim=True) * normals
+
+    def _hit(self, rays: Tensor) -> Tensor:
         middle = self.distance * rays.new_tensor(self.ball.direction)
         along = rays @ middle
         beside = along**2 - (self.distance**2 - 1)
         reach = along - torch.where(beside >= 0, beside, torch.nan).sqrt()
-        normals = reach[..., None] * rays - middle
-        return rays - 2 * (rays * normals).sum(-1, keepdim=True) * normals
+        return reach[..., None] * rays - middle
 
     def solid_angles(self, usable: Tensor) -> Tensor:
         """(H, W) float64, in sr: of the light in each pixel of the photograph; 0 where (H, W) `usable` is False."""
