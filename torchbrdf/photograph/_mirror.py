@@ -1,8 +1,8 @@
-"""Where along rays the outline of a mirror may be, which shows at its rim what lies beside it.
+"""The outline of a mirror, which shows at its rim what lies beside it: where directions begin to crowd.
 
-Seen across an outline, radiance goes on where it was: a direction by an angle beyond the rim is seen outside at once, and
-inside again by reflection, where a degree is crowded into a fraction of a pixel. Radiance along such a line of directions
-is taken for a Brownian motion, whatever lies there; an outline is where its steps grow as a mirror crowds them.
+Across an outline radiance goes on where it was. A direction by an angle beyond the rim is seen outside, and again
+inside by reflection, where a degree is crowded into a fraction of a pixel. Radiance along such a line of directions is
+taken for a Brownian motion, whatever lies there; an outline is where its steps grow as a mirror crowds them.
 """
 
 from __future__ import annotations
@@ -43,6 +43,9 @@ _OUTLIERS = 0.1
 _CLEAR = 2.0
 """Score from which on edges alone place an outline well."""
 
+_LEAST_RADIUS = 32.0
+"""Pixels of the level below which a pixel and a half is enough to find some outline anywhere."""
+
 _REACH, _OFFSETS = 1.5, 25
 """Pixels by which an outline may move, and in how many steps."""
 
@@ -61,9 +64,9 @@ def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> 
 
     wanted  pixels of the radius at the pyramid's level, about
     """
-    if outline.score >= _CLEAR:
-        return outline
     pixels = outline.place[2] / 2 ** pyramid.level(outline.place[2], wanted)
+    if outline.score >= _CLEAR or pixels < _LEAST_RADIUS:
+        return outline
     reach, n = _REACH / pixels, int(min(_RAYS, 2 * np.pi * pixels))
     rays = Rays.across(pyramid, chart, outline.place, wanted, reach + BESIDE / pixels, n, None)
     if not len(rays.angles):
