@@ -15,7 +15,7 @@ from torchbrdf.photograph._rim import Rays
 _LEAST_RADIUS = 3.0
 """Pixels below which nothing is a ball."""
 
-_BESIDE = 6.0
+BESIDE = 6.0
 """Pixels that are looked at beyond the farthest outline."""
 
 _OFFSETS = 57
@@ -94,7 +94,7 @@ class Outline:
         """
         if place[2] < _LEAST_RADIUS:
             return None
-        margin = _BESIDE / min(place[2], wanted)
+        margin = BESIDE / min(place[2], wanted)
         rays = Rays.across(pyramid, chart, place, wanted, reach + margin, n, floor)
         if len(rays.angles) < _LEAST_SEEN * n:
             return None
@@ -105,7 +105,7 @@ class Outline:
         for blur in blurs:
             votes = rays.votes(offsets, blur)
             if start is None:
-                start = _guess(votes[::_SOONER], basis[::_SOONER], offsets)
+                start = guess(votes[::_SOONER], basis[::_SOONER], offsets)
             shift, score = climb(votes, basis, offsets, start)
             if best is None or score > best[0]:
                 best = score, shift, votes
@@ -196,7 +196,7 @@ def climb(votes: np.ndarray, basis: np.ndarray, offsets: np.ndarray, shift: np.n
     return shift, best
 
 
-def _guess(votes: np.ndarray, basis: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+def guess(votes: np.ndarray, basis: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """The best shift of a grid."""
     middle = np.linspace(-0.7, 0.7, _GRID) * offsets[-1]
     grid = np.stack(np.meshgrid(middle, middle, offsets[::2], indexing="ij"), -1).reshape(-1, 3)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
+from torchbrdf.photograph._filling import fills
 from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, find_balls
 from torchbrdf.photograph.silhouette import SNAP, Circle
 
@@ -36,7 +37,7 @@ def locate(
     window  the part of the photograph that was recorded; None for all
     number  of the ball, counted from 1, the largest; None for the largest
     A square photograph (or window) in which no other ball is seen is a crop to the ball, which fills it.
-    Warns where another ball than that may be meant.
+    Warns where another ball than that may be meant, and where such a crop shows neither its rim nor empty corners.
     Raises ValueError where there is no ball, or none for certain; for two of like size without a number; for one of
     which more than a third is cut off, and for an outline that no sphere has before the camera.
     """
@@ -50,7 +51,7 @@ def locate(
         crop = Circle.inscribed(part)
         others = [ball for ball in balls if ball.circle.differs(crop) >= SNAP]
         if not any(_beyond_doubt(ball) for ball in others):
-            _doubt(others)
+            _doubt(others, fills(image, usable, crop))
             filling = crop if camera is None else Ball.of_circle(camera, crop.x, crop.y, crop.radius)
             return filling, f"as large as {what}"
     if not balls:
@@ -86,9 +87,16 @@ def _beyond_doubt(ball: FoundBall) -> bool:
     return ball.rim >= _CLEAR_RIM * (1 - ball.outside) and ball.score >= _CLEAR_SCORE
 
 
-def _doubt(others: list[FoundBall]) -> None:
+def _doubt(others: list[FoundBall], seen: bool) -> None:
+    """Warn where a ball that fills a crop is not seen, or another is."""
     if others:
         message = f"the ball is taken to fill the photograph; if it is {others[0]}, then {_INSTEAD}"
+        warnings.warn(message, UserWarning, stacklevel=3)
+    elif not seen:
+        message = (
+            "the ball is taken to fill the photograph, as no other is found, but neither is a rim seen there nor are "
+            f"the corners cut away; if it does not fill it, {_INSTEAD}"
+        )
         warnings.warn(message, UserWarning, stacklevel=3)
 
 

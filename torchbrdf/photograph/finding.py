@@ -13,6 +13,7 @@ from torch import Tensor
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.photograph._candidates import Place, seek
 from torchbrdf.photograph._charts import Chart, chart_of
+from torchbrdf.photograph._mirror import settled
 from torchbrdf.photograph._outline import Outline
 from torchbrdf.photograph._pyramid import Pyramid
 from torchbrdf.photograph.silhouette import Circle
@@ -39,7 +40,10 @@ _SAME, _COVERED = 0.03, 0.5
 _DEEP, _NEARLY_AS_GOOD = 0.8, 0.5
 """Ratios of radii and of scores: a circle that lies in another is seen in it, and is not before it."""
 
-_LEAST_RIM, _SURE_RIM, _SURE_SCORE = 0.3, 0.36, 0.7
+_LEAST_RIM = 0.3
+_SURE: tuple[tuple[float, float], ...] = ((0.36, 0.7), (0.5, 0.5))
+"""Shares of the rim and scores of which one or the other is enough."""
+
 _MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
 """In pixels of FITTED_RADIUS."""
 
@@ -88,7 +92,8 @@ class FoundBall:
     @property
     def sure(self) -> bool:
         """Whether enough of the rim is seen, and agrees."""
-        enough = self.rim >= _SURE_RIM * (1 - self.outside) and self.score >= _SURE_SCORE * (1 - self.outside)
+        inside = 1 - self.outside
+        enough = any(self.rim >= rim * inside and self.score >= score * inside for rim, score in _SURE)
         return enough and max(self.std) <= _MOST_STD * self.circle.radius / FITTED_RADIUS
 
 
@@ -110,7 +115,8 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
         return []
     refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
     seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
-    found = [_found(outline, chart, pyramid.size) for outline in _outermost(seen)]
+    kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(seen)]
+    found = [_found(outline, chart, pyramid.size) for outline in kept]
     return sorted(found, key=lambda one: -one.circle.radius)
 
 
