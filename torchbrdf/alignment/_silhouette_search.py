@@ -56,12 +56,14 @@ class Sight:
 class SightSummit:
     """Where a climb ended, as `Summit`; the precision (6, 6) or (3, 3) is by turns, and by shifts behind them.
 
-    height  the log posterior at the best
+    height      the log posterior at the best
+    turn_prior  its part that is the prior of the rotation
     """
 
     sight: Sight
     precision: Tensor
     height: float
+    turn_prior: float
     log_evidence: float
     converged: bool
 
@@ -83,7 +85,7 @@ class SilhouetteSearch:
         self, rotations: RotationSearch, moving: MovingSilhouette, edge: tuple[Tensor, Tensor] | None = None
     ) -> None:
         """Nothing is computed yet."""
-        self.rotations, self.moving, self._edge = rotations, moving, edge
+        self.rotations, self.moving, self.edge = rotations, moving, edge
         none = torch.zeros(3, dtype=torch.float64)
         self._expected, self._sigma = (none, none + EXPECTED) if edge is None else (edge[0], edge[1] / TOO_SURE**0.5)
         rim = _rim(rotations.light.view.mask)
@@ -132,7 +134,8 @@ class SilhouetteSearch:
         pace = (1.0, MOST_STEPS) if turning else (_LONGEST_STRETCH, _MOST_STEPS)
         top = ascend(start, height, slope, moved, *pace)
         volume = -0.5 * float(torch.logdet(top.precision)) - float(sigma.log().sum())
-        return SightSummit(top.best, top.precision, top.height, top.height + volume, top.converged)
+        turn_prior = top.height - top.best.log_evidence - self.log_prior(top.best.shift)
+        return SightSummit(top.best, top.precision, top.height, turn_prior, top.height + volume, top.converged)
 
     def log_prior(self, shift: Tensor) -> float:
         """Log density of a shift before the shading is seen, less that of the likeliest."""
@@ -143,7 +146,7 @@ class SilhouetteSearch:
 
         Where none is, from where edges are smeared, which stop it nowhere, to where it is.
         """
-        if self._edge is not None:
+        if self.edge is not None:
             return self.climb(self.moved(start, self._expected), False)
         blunt = SilhouetteSearch(self.rotations, self.moving.smeared(_BLUNT))
         rough = blunt.climb(blunt.moved(start, start.shift), False)

@@ -164,7 +164,9 @@ def find(
     at_guess = search.log_prior(none)
     log_gain = min((best_moved - kept.log_evidence - at_guess) / TOO_SURE, _moved_rather_than_not(together))
     still = None
-    if log_gain < _DECIDED:
+    if search.edge is not None and log_gain <= MOVED:  # the guess lies where the outline is seen
+        still = _at_the_guess(search, together, turned)
+    elif log_gain < _DECIDED:
         still = max((rotations.climb(start) for start in starts), key=attrgetter("log_evidence"))
         otherwise = max(kept.log_evidence, still.log_evidence - costs) + at_guess
         log_gain = (best_moved - otherwise) / TOO_SURE
@@ -198,6 +200,13 @@ def _alone(
     search = SilhouetteSearch(rotations, moving)
     kept = search.of(believed, none)
     return search, kept, search.climb_alone(kept)
+
+
+def _at_the_guess(search: SilhouetteSearch, together: SightSummit, turned: Tensor) -> Summit:
+    """The summit of rotations with the guess, where that is hardly off: the light is turned as with the best."""
+    trial = search.moved(together.sight, torch.zeros(3, dtype=torch.float64)).trial
+    volume = -0.5 * float(torch.logdet(turned)) - 3 * log(search.rotations.expected)
+    return Summit(trial, turned, trial.log_evidence + together.turn_prior + volume, together.converged)
 
 
 def _left_open(together: SightSummit) -> tuple[Tensor, Tensor]:
