@@ -121,6 +121,19 @@ def test_a_standard_deviation_holds_what_is_off(
     assert all(distance < 3 * std for distance, std in zip(off_by, found.ball.std, strict=True))
 
 
+def test_is_searched_coarsely_and_seen_finely(
+    precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]
+) -> None:
+    """The observation and the basis images are those of the view that was given."""
+    view = SphereView(72)
+    found = align(photographs["paint"], ROOM, view, precomputed_library, silhouette=guess(0.7, -0.5, 0.3))
+    assert off(found) < 0.15
+    assert found.observation is not None
+    assert found.observation.mask.shape == (1, 72, 72)
+    expected = tb.HarmonicBasis(precomputed_library, ROOM, view).basis_at()
+    torch.testing.assert_close(found.basis.packed, expected.packed)
+
+
 def test_a_right_one_beside_a_turned_light(aligned: Callable[..., Alignment], photographs: dict[str, Tensor]) -> None:
     rotation = turn_about((1, -2, 1.5), 2.5)
     found = aligned(photographs["paint"], ROOM.rotated(rotation.T), silhouette=TRUTH)
