@@ -27,6 +27,9 @@ _FRAME = 240
 _CORNER = 97, 99
 """Fine pixels above and left of the ball."""
 
+_RIM = 2
+"""Fine pixels inside the silhouette that show what those across it would."""
+
 _BEHIND = radians(8)
 """From the ball's middle to its silhouette, in directions of the surroundings behind it."""
 
@@ -40,9 +43,12 @@ def photograph(rendering: Tensor, probe: tb.LightProbe, noise: float, key: str) 
     y, x = torch.meshgrid(*((torch.arange(extent) + 0.5 - corner - n / 2) for corner in _CORNER), indexing="ij")
     step = tan(_BEHIND) / (n / 2)
     directions = normalize(torch.stack([step * x, -step * y, -torch.ones_like(x)], -1), dim=-1)
-    fine = probe.radiance_at(directions).movedim(-1, 0).clone()
-    mask = tb.SphereView(n).mask[0]
-    fine[:, _CORNER[0] : _CORNER[0] + n, _CORNER[1] : _CORNER[1] + n][:, mask] = rendering.clamp_min(0)[:, mask]
+    fine = probe.radiance_at(directions).movedim(-1, 0)
+    distance = torch.hypot(x, y).clamp_min(1e-3)
+    covered = (n / 2 + 0.5 - distance).clamp(0, 1)
+    inwards = (n / 2 - _RIM) / distance.clamp_min(n / 2 - _RIM)  # targets are black where the silhouette cuts a pixel
+    row, column = ((n / 2 + inwards * place).floor().long() for place in (y, x))
+    fine = torch.lerp(fine, rendering.clamp_min(0)[:, row, column], covered)
     clean = avg_pool2d(fine, FINER)
     return noisy_observations(clean.flatten(1).double(), [noise], key)[0].view(clean.shape).float()
 

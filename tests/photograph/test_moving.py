@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from photographs_of_balls import off, photographed
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.photograph.moving import REACH, MovingSilhouette
 from torchbrdf.photograph.observation import observe
@@ -69,6 +70,42 @@ def test_change(guess: Circle | Ball) -> None:
         assert float(close.double().mean()) > 0.99
 
 
+@pytest.mark.parametrize("guess", [CIRCLE, BALL], ids=["circle", "ball"])
+def test_the_shift_to_where_a_shift_leads(guess: Circle | Ball) -> None:
+    moving = MovingSilhouette(textured(), guess, None, 12)
+    torch.testing.assert_close(moving.shift_to(moving.at(SHIFT)), SHIFT, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("ball", [CIRCLE, BALL], ids=["circle", "ball"])
+def test_the_edge_is_where_the_outline_is(ball: Circle | Ball) -> None:
+    """From most of the reach away; a fifteenth of a radius is two pixels."""
+    camera = ball.camera if isinstance(ball, Ball) else None
+    image = photographed(SIZE, [ball])
+    wide = MovingSilhouette(image, ball, None, 12)
+    found = MovingSilhouette(image, wide.at(torch.tensor([0.05, -0.02, -0.06])), None, 12)
+    assert found.edge is not None
+    edge, std = found.edge
+    back = found.at(edge)
+    assert off(back, ball) < 0.15
+    assert camera is None or isinstance(back, Ball)
+    assert bool((std > 0).all())
+    assert bool((std < 0.01).all())
+
+
+def test_no_edge_where_none_is_seen() -> None:
+    """Of a mask that follows the ball, and of a crop in black."""
+    image = photographed(SIZE, [CIRCLE])
+    disc = CIRCLE.holds(*SIZE)[None]
+    assert MovingSilhouette(image, CIRCLE, disc, 12).edge is None
+    assert MovingSilhouette(torch.where(disc, image, 0), CIRCLE, None, 12).edge is None
+
+
+def test_no_edge_out_of_reach() -> None:
+    image = photographed(SIZE, [CIRCLE])
+    away = MovingSilhouette(image, Circle(CIRCLE.x + 3.0, CIRCLE.y, CIRCLE.radius), None, 12)
+    assert away.edge is None
+
+
 def test_uses_what_is_usable_wherever_the_silhouette_lies() -> None:
     """In the photograph, finite, not cut out, and under the mask: with a margin of its reach, and no more."""
     image, mask = textured(), torch.ones(1, *SIZE, dtype=torch.bool)
@@ -94,8 +131,6 @@ def test_noise_is_the_same_wherever_the_sides_lie() -> None:
 
 
 def test_nothing_left_to_search() -> None:
-    message = (
-        r"^the circle at .* cannot be searched: none of its pixels is usable wherever it may lie within 8% of .*$"
-    )
+    message = r"^the circle at .* cannot be searched: none of its pixels is usable wherever it may lie within 8% of .*$"
     with pytest.raises(ValueError, match=message):
         MovingSilhouette(textured(), CIRCLE, torch.zeros(1, *SIZE, dtype=torch.bool), 16)

@@ -2,6 +2,7 @@
 
 Basis images show a ball that fills their view, so a silhouette moves the photograph, not them: what changes with it is
 the observation y, and the residual by as much. Under one rotation of the light, trying silhouettes is nearly free.
+The outline that is seen as an edge is a second witness, which no material misleads.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,10 @@ from torchbrdf.photograph import REACH, MovingSilhouette
 EXPECTED = 0.03
 """Standard deviation, in radii, of how far a silhouette is moved to each side, and its radius grown, before the
 photograph is seen."""
+
+TOO_SURE = 16.0
+"""What the evidence of silhouettes is divided by once more: the rims of materials that no library holds pass for those
+of larger or smaller balls, by four standard deviations."""
 
 UNKNOWN = 0.25
 """Standard deviation of the radiance beside the ball from any that a material explains, in parts of the ball's; at most
@@ -51,12 +56,14 @@ class Sight:
 class SightSummit:
     """Where a climb ended, as `Summit`; the precision (6, 6) or (3, 3) is by turns, and by shifts behind them.
 
-    height  the log posterior at the best
+    height      the log posterior at the best
+    turn_prior  its part that is the prior of the rotation
     """
 
     sight: Sight
     precision: Tensor
     height: float
+    turn_prior: float
     log_evidence: float
     converged: bool
 
@@ -66,14 +73,21 @@ class SilhouetteSearch:
 
     rotations  evidence of rotations, of the pixels that the silhouette can move
     moving     what the photograph shows
+    edge       the shift (3,) to the outline that is seen, and its standard deviations (3,); None for any that is near
+    Evidence is not divided by TOO_SURE here, where it is that of rotations, too: what tells of shifts only is
+    multiplied.
     The pixels of the view are the same for all silhouettes, but not those of the photograph: a smaller one would win
     by leaving out the rim, which is hard to explain. So what lies outside is explained, too, as UNKNOWN radiance. The
     evidence of a pixel counts as often as pixels of the photograph lie inside, and what is left for those outside.
     """
 
-    def __init__(self, rotations: RotationSearch, moving: MovingSilhouette) -> None:
+    def __init__(
+        self, rotations: RotationSearch, moving: MovingSilhouette, edge: tuple[Tensor, Tensor] | None = None
+    ) -> None:
         """Nothing is computed yet."""
-        self.rotations, self.moving = rotations, moving
+        self.rotations, self.moving, self.edge = rotations, moving, edge
+        none = torch.zeros(3, dtype=torch.float64)
+        self._expected, self._sigma = (none, none + EXPECTED) if edge is None else (edge[0], edge[1] / TOO_SURE**0.5)
         rim = _rim(rotations.light.view.mask)
         self._rim = rim[moving.used]
         self._seen_rim = float(moving.used[rim].double().mean())
@@ -90,12 +104,11 @@ class SilhouetteSearch:
     def climb(self, start: Sight, turning: bool) -> SightSummit:
         """Gauss-Newton steps from a sight: of rotation and silhouette together, or of the silhouette alone."""
         origin = start.trial.rotation
-        sigma = torch.tensor([self.rotations.expected] * 3 * turning + [EXPECTED] * 3, dtype=torch.float64)
+        sigma = torch.cat([torch.full((3 * turning,), self.rotations.expected, dtype=torch.float64), self._sigma])
 
         def place(sight: Sight) -> Tensor:
-            if not turning:
-                return sight.shift
-            return torch.cat([rotation_vector(sight.trial.rotation @ origin.T), sight.shift])
+            away = sight.shift - self._expected
+            return torch.cat([rotation_vector(sight.trial.rotation @ origin.T), away]) if turning else away
 
         def height(sight: Sight) -> float:
             if float(sight.shift.abs().max()) > REACH:
@@ -121,10 +134,20 @@ class SilhouetteSearch:
         pace = (1.0, MOST_STEPS) if turning else (_LONGEST_STRETCH, _MOST_STEPS)
         top = ascend(start, height, slope, moved, *pace)
         volume = -0.5 * float(torch.logdet(top.precision)) - float(sigma.log().sum())
-        return SightSummit(top.best, top.precision, top.height, top.height + volume, top.converged)
+        turn_prior = top.height - top.best.log_evidence - self.log_prior(top.best.shift)
+        return SightSummit(top.best, top.precision, top.height, turn_prior, top.height + volume, top.converged)
 
-    def climb_bluntly(self, start: Sight) -> SightSummit:
-        """`climb` of the silhouette alone: from where edges are smeared, which stop it nowhere, to where it is."""
+    def log_prior(self, shift: Tensor) -> float:
+        """Log density of a shift before the shading is seen, less that of the likeliest."""
+        return -0.5 * float(((shift - self._expected) / self._sigma).square().sum())
+
+    def climb_alone(self, start: Sight) -> SightSummit:
+        """`climb` of the silhouette alone: from the outline that is seen.
+
+        Where none is, from where edges are smeared, which stop it nowhere, to where it is.
+        """
+        if self.edge is not None:
+            return self.climb(self.moved(start, self._expected), False)
         blunt = SilhouetteSearch(self.rotations, self.moving.smeared(_BLUNT))
         rough = blunt.climb(blunt.moved(start, start.shift), False)
         return self.climb(self.moved(start, rough.sight.shift), False)

@@ -27,13 +27,16 @@ from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import NEAREST, HarmonicBasis, unsuited
-from torchbrdf.view import Frames, View
+from torchbrdf.view import Frames, SphereView, View
 
 EXPECTED = radians(5)
 """Standard deviation, about each axis, of how far a probe is turned before the photograph is seen."""
 
 CONFIDENT = radians(1)
 """Standard deviation about the least certain axis up to which a photograph tells the rotation."""
+
+_SEARCHED = 64
+"""Pixels across a ball that are searched, where its photograph can be resampled: more tell of what no library holds."""
 
 _PREFERRED = 1.0
 """Log evidence by which a turn is better for `covariance` to tell of it."""
@@ -174,15 +177,17 @@ def align(
     reason = unsuited(view)
     if reason is not None:
         raise ValueError(f"align needs a ball from {NEAREST:g} radii on, or normals without shadows: {reason}")
-    moving = None
+    moving, searched = None, view
     if silhouette is not False:
         guess = guessed(image, mask, view, silhouette)
         observe(image, guess, mask, view.size[0])  # raises where there is nothing to see
-        moving = MovingSilhouette(image, guess, mask, view.size[0])
+        if isinstance(view, SphereView) and view.size[0] > _SEARCHED:
+            searched = SphereView(_SEARCHED, view.fov_deg, view.direction)
+        moving = MovingSilhouette(image, guess, mask, searched.size[0])
         y, used = moving.seen(torch.zeros(3, dtype=torch.float64))[None], moving.used
     else:
         y, used = _packed(image, mask, view)
-    light = HarmonicBasis(library, probe, view, progress)
+    light = HarmonicBasis(library, probe, searched, progress)
     task = RotationSearch(light, y.to(light.transport.device, torch.float64), used, EXPECTED)
     believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
     joint = None
@@ -207,8 +212,8 @@ def align(
         away = torch.zeros(3, dtype=torch.float64)
     rotation, basis, source = best.rotation, best.basis, task.light.probe.blurred(sigma)
     ball = None if joint is None or moving is None else joint.silhouette(moving, image, mask, view)
-    if ball is not None and ball.view is not view:
-        if turned:
+    if ball is not None and ball.view is not searched:
+        if turned and ball.view is not view:
             rotation = ball.turn_from(view) @ rotation
         basis = HarmonicBasis(library, source, ball.view).basis_at(rotation)
     return Alignment(

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment._search import RotationSearch, Summit, Trial
-from torchbrdf.alignment._silhouette_search import EXPECTED, SightSummit, SilhouetteSearch
+from torchbrdf.alignment._silhouette_search import EXPECTED, TOO_SURE, Sight, SightSummit, SilhouetteSearch
 from torchbrdf.camera import Ball
 from torchbrdf.images import Window
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
@@ -153,22 +153,23 @@ def find(
     believed    the rotation that is believed, with the guess
     turn_costs  log odds that a rotation must have beyond CLEAR, for how many were tried
     """
-    search = SilhouetteSearch(rotations, moving)
     none = torch.zeros(3, dtype=torch.float64)
-    kept = search.of(believed, none)
-    alone = search.climb_bluntly(kept)
-    begun = [alone if start is believed else search.climb_bluntly(search.of(start, none)) for start in starts]
+    search, kept, alone = _alone(rotations, moving, believed)
+    begun = [alone if start is believed else search.climb_alone(search.of(start, none)) for start in starts]
     together = max((search.climb(one.sight, True) for one in begun), key=attrgetter("log_evidence"))
     costs = CLEAR + turn_costs
-    covariance = torch.linalg.inv(together.precision)
-    told, turned = covariance[3:, 3:], torch.linalg.inv(covariance[:3, :3])
+    told, turned = _left_open(together)
     any_shift = alone.log_evidence - alone.height
     best_moved = max(alone.log_evidence, together.log_evidence - costs) - any_shift
-    log_gain = min(best_moved - kept.log_evidence, _moved_rather_than_not(together))
+    at_guess = search.log_prior(none)
+    log_gain = min((best_moved - kept.log_evidence - at_guess) / TOO_SURE, _moved_rather_than_not(together))
     still = None
-    if log_gain < _DECIDED:
+    if search.edge is not None and log_gain <= MOVED:  # the guess lies where the outline is seen
+        still = _at_the_guess(search, together, turned)
+    elif log_gain < _DECIDED:
         still = max((rotations.climb(start) for start in starts), key=attrgetter("log_evidence"))
-        log_gain = best_moved - max(kept.log_evidence, still.log_evidence - costs)
+        otherwise = max(kept.log_evidence, still.log_evidence - costs) + at_guess
+        log_gain = (best_moved - otherwise) / TOO_SURE
     if still is None or log_gain > MOVED:
         gained = together.log_evidence - alone.log_evidence
         chosen = together.sight if gained > costs else alone.sight
@@ -176,15 +177,49 @@ def find(
         summit = Summit(together.sight.trial, turned, trial.log_evidence + gained, together.converged)
         return Joint(trial, summit, chosen.shift, told, log_gain)
     away = together.sight.shift
-    if together.sight.log_evidence - kept.log_evidence >= _PREFERRED:
+    if together.height - kept.log_evidence - at_guess >= _PREFERRED * TOO_SURE:
         told = told + torch.outer(away, away)
     summit = Summit(still.trial, turned, still.log_evidence, still.converged and together.converged)
     return Joint(believed, summit, None, told, log_gain)
 
 
+def _alone(
+    rotations: RotationSearch, moving: MovingSilhouette, believed: Trial
+) -> tuple[SilhouetteSearch, Sight, SightSummit]:
+    """The search, what is believed, and the best silhouette under that rotation.
+
+    An outline that is seen is another's where shading tells clearly that the guess is better.
+    """
+    none = torch.zeros(3, dtype=torch.float64)
+    if moving.edge is not None:
+        search = SilhouetteSearch(rotations, moving, moving.edge)
+        kept = search.of(believed, none)
+        alone = search.climb_alone(kept)
+        if kept.log_evidence - alone.sight.log_evidence < MOVED * TOO_SURE:
+            return search, kept, alone
+    search = SilhouetteSearch(rotations, moving)
+    kept = search.of(believed, none)
+    return search, kept, search.climb_alone(kept)
+
+
+def _at_the_guess(search: SilhouetteSearch, together: SightSummit, turned: Tensor) -> Summit:
+    """The summit of rotations with the guess, where that is hardly off: the light is turned as with the best."""
+    trial = search.moved(together.sight, torch.zeros(3, dtype=torch.float64)).trial
+    volume = -0.5 * float(torch.logdet(turned)) - 3 * log(search.rotations.expected)
+    return Summit(trial, turned, trial.log_evidence + together.turn_prior + volume, together.converged)
+
+
+def _left_open(together: SightSummit) -> tuple[Tensor, Tensor]:
+    """The covariance (3, 3) of shifts, of which evidence is too sure, and the precision (3, 3) of turns with those."""
+    covariance = torch.linalg.inv(together.precision)
+    shifts, mixed = covariance[3:, 3:], covariance[:3, 3:]
+    imitated = mixed @ torch.linalg.solve(shifts, mixed.T)
+    return TOO_SURE * shifts, torch.linalg.inv(covariance[:3, :3] + (TOO_SURE - 1) * imitated)
+
+
 def _moved_rather_than_not(together: SightSummit) -> float:
     """Log odds of a silhouette moved by anything against none, with any rotation [Savage-Dickey]."""
-    covariance = torch.linalg.inv(together.precision)[3:, 3:]
+    covariance, _ = _left_open(together)
     shift = together.sight.shift
     there = -0.5 * float(shift @ torch.linalg.solve(covariance, shift) + torch.logdet(covariance))
     return -3 * log(EXPECTED) - there

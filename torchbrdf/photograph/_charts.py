@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, degrees, hypot
+from math import atan, atan2, degrees, hypot, radians, tan
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +26,9 @@ class Chart(Protocol):
     def silhouette(self, x: float, y: float, radius: float) -> Circle | Ball:
         """Of the ball whose outline is that circle in the plane; raises ValueError where none is."""
 
+    def circle(self, silhouette: Circle | Ball) -> tuple[float, float, float]:
+        """x, y and radius of a silhouette in the plane."""
+
 
 class PhotographChart:
     """The photograph itself, where no camera is known: right for balls on its axis."""
@@ -41,6 +44,10 @@ class PhotographChart:
     def silhouette(self, x: float, y: float, radius: float) -> Circle | Ball:
         """The circle."""
         return Circle(float(x), float(y), float(radius))
+
+    def circle(self, silhouette: Circle | Ball) -> tuple[float, float, float]:
+        """Its own."""
+        return silhouette.circle
 
 
 class StereographicChart:
@@ -81,6 +88,17 @@ class StereographicChart:
         near, far = 2 * atan(away - radius / self._unit), 2 * atan(away + radius / self._unit)
         turn = np.tan((near + far) / 2) / away if away > 0 else 0.0
         return Ball(self.camera, (right * turn, -down * turn, -1.0), degrees(far - near) / 2)
+
+    def circle(self, silhouette: Circle | Ball) -> tuple[float, float, float]:
+        """Of a ball before this camera."""
+        assert isinstance(silhouette, Ball)
+        right, up, towards = silhouette.direction
+        across = hypot(right, up)
+        angle, reach = atan2(across, -towards), radians(silhouette.radius_deg)
+        near, far = tan((angle - reach) / 2), tan((angle + reach) / 2)
+        away = self._unit / 2 * (near + far) / across if across > 0 else 0.0
+        x, y = self._middle.tolist()
+        return x + away * right, y - away * up, self._unit / 2 * (far - near)
 
 
 def chart_of(camera: PinholeCamera | None) -> Chart:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, pi
+from operator import attrgetter
 
 import numpy as np
 import torch
@@ -51,6 +52,9 @@ _CERTAIN = 2.5
 """Standard deviations."""
 
 _EDGE_POINTS = 128
+
+_AROUND = 1.5
+"""Radii about a guess that are looked at: as far as it may be off, and what is beside the ball there."""
 
 
 @dataclass(frozen=True)
@@ -108,16 +112,47 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
     and do not move it. Not all are `sure`.
     """
     pyramid, chart = Pyramid.of(image, usable), chart_of(camera)
-    coarsest = pyramid.levels[-1]
-    known = coarsest[np.isfinite(coarsest).all(-1)]
-    floor = _FLOOR * float(np.median(known)) if known.size else 0.0
-    if not 0 < floor < np.inf:
+    floor = _floor(pyramid)
+    if floor is None:
         return []
     refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
     seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
     kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(seen)]
     found = [_found(outline, chart, pyramid.size) for outline in kept]
     return sorted(found, key=lambda one: -one.circle.radius)
+
+
+def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None) -> FoundBall | None:
+    """The ball of which a first guess is known, by its outline alone; None where that is not seen for certain.
+
+    guess  within about a tenth of the radius; a ball before the photograph's camera
+    See `find_balls`.
+    """
+    chart = chart_of(guess.camera if isinstance(guess, Ball) else None)
+    place = chart.circle(guess)
+    height, width = image.shape[-2:]
+    x, y, radius = guess.circle
+    left, top = (max(int(middle - _AROUND * radius), 0) for middle in (x, y))
+    around = slice(top, int(y + _AROUND * radius) + 1), slice(left, int(x + _AROUND * radius) + 1)
+    pyramid = Pyramid.of(image.detach()[:, *around], None if usable is None else usable[:, *around], (left, top))
+    floor = _floor(pyramid)
+    if floor is None:
+        return None
+    rough = Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
+    starts = [place] if rough is None or _alike(rough.place, place) else [place, rough.place]
+    refined = [outline for start in starts if (outline := _refined(pyramid, chart, start)) is not None]
+    if not refined:
+        return None
+    found = _found(max(refined, key=attrgetter("score")), chart, (height, width))
+    return found if found.sure and found.round else None
+
+
+def _floor(pyramid: Pyramid) -> float | None:
+    """Radiance by which differences are noise; None where there is nothing to see."""
+    coarsest = pyramid.levels[-1]
+    known = coarsest[np.isfinite(coarsest).all(-1)]
+    floor = _FLOOR * float(np.median(known)) if known.size else 0.0
+    return floor if 0 < floor < np.inf else None
 
 
 def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from copy import copy
 from functools import cached_property
-from math import atan, degrees, exp, radians, tan
+from math import atan, degrees, exp, log, radians, tan
 
 import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball
 from torchbrdf.photograph._summed_area import Boxes, SummedArea
+from torchbrdf.photograph.finding import find_near
 from torchbrdf.photograph.observation import tilted_boxes
 from torchbrdf.photograph.silhouette import Circle
 from torchbrdf.view import SphereView
@@ -42,16 +43,21 @@ class MovingSilhouette:
         if mask is not None:
             usable &= mask
         self.guess, self._soft = guess, _SOFT
-        self._n, self._pixels = n, SphereView(n).pixels
-        grown = self._boxes(torch.zeros(3, dtype=torch.float64), self._farthest)
-        self.used = ((SummedArea(usable).over(grown) / grown.area).amin(-1) > _WHOLE)[0]
+        self._n, self._pixels, self._corner = n, SphereView(n).pixels, (0, 0)
+        none = torch.zeros(3, dtype=torch.float64)
+        blurred = self._farthest + 2 * self.radius / n
+        around = self._boxes(none, blurred).within(image.shape[-2], image.shape[-1])
+        self._corner = around[1].start, around[0].start
+        grown = self._boxes(none, self._farthest)
+        self.used = ((SummedArea(usable[:, *around]).over(grown) / grown.area).amin(-1) > _WHOLE)[0]
         if not bool(self.used.any()):
             raise ValueError(
                 f"the {guess} cannot be searched: none of its pixels is usable wherever it may lie within "
                 f"{REACH:.0%} of its radius; leave more of the photograph around it"
             )
         self._pixels = self._pixels[self.used]
-        self._sums = SummedArea(torch.where(usable, image, 0))
+        self._image, self._usable = image, usable
+        self._sums = SummedArea(torch.where(usable, image, 0)[:, *around])
 
     def smeared(self, pixels: float) -> MovingSilhouette:
         """The same, smeared over so many pixels of the view to each side where that is more."""
@@ -69,6 +75,31 @@ class MovingSilhouette:
         middle = self.guess.rotation @ torch.tensor([wide * right, wide * up, -1.0], dtype=torch.float64)
         x, y, z = middle.tolist()
         return Ball(self.guess.camera, (x, y, z), degrees(atan(wide * exp(growth))))
+
+    @cached_property
+    def edge(self) -> tuple[Tensor, Tensor] | None:
+        """The shift (3,) to the outline that is seen in the photograph, and its standard deviations (3,).
+
+        None where none is seen for certain, or out of reach.
+        """
+        found = find_near(self._image, self.guess, self._usable)
+        if found is None:
+            return None
+        shift = self.shift_to(found.silhouette)
+        std = torch.tensor(found.std, dtype=torch.float64) / found.circle.radius
+        return (shift, std) if float(shift.abs().max()) < REACH else None
+
+    def shift_to(self, silhouette: Circle | Ball) -> Tensor:
+        """(3,): the shift `at` which it is; of a ball before the same camera as the guess."""
+        if isinstance(self.guess, Circle) or isinstance(silhouette, Circle):
+            (x, y, radius), (guess_x, guess_y, unit) = silhouette.circle, self.guess.circle
+            right, up, growth = (x - guess_x) / unit, (guess_y - y) / unit, radius / unit
+        else:
+            unit = tan(radians(self.guess.radius_deg))
+            seen = self.guess.rotation.T @ torch.tensor(silhouette.direction, dtype=torch.float64)
+            right, up = (seen[:2] / (-seen[2] * unit)).tolist()
+            growth = tan(radians(silhouette.radius_deg)) / unit
+        return torch.tensor([right, up, log(growth)], dtype=torch.float64)
 
     def seen(self, shift: Tensor) -> Tensor:
         """(3, P): mean radiance of the pixels used, for a shift."""
@@ -103,9 +134,12 @@ class MovingSilhouette:
         left, right, top, bottom = (
             side.flatten(0, 1)[self._pixels] for side in (boxes.left, boxes.right, boxes.top, boxes.bottom)
         )
+        x, y = self._corner
+        left, right, top, bottom = left - x, right - x, top - y, bottom - y
         if grown is not None:
             return Boxes(left - grown, right + grown, top - grown, bottom + grown)
         one = torch.tensor([-self._soft, self._soft], dtype=torch.float64)
-        x, y = one.repeat(2), one.repeat_interleave(2)
-        moved = [(side[..., None] + by).flatten(1) for side, by in ((left, x), (right, x), (top, y), (bottom, y))]
+        across, down = one.repeat(2), one.repeat_interleave(2)
+        sides = (left, across), (right, across), (top, down), (bottom, down)
+        moved = [(side[..., None] + by).flatten(1) for side, by in sides]
         return Boxes(*moved)
