@@ -15,7 +15,7 @@ from torch import Tensor
 import torchbrdf as tb
 from probes import probe_of
 from torchbrdf.alignment._search import RotationSearch, Summit, Trial
-from torchbrdf.alignment.alignment import CONFIDENT, EXPECTED, Alignment, align
+from torchbrdf.alignment.alignment import CONFIDENT, EXPECTED, Alignment, align, dominated
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.images.difference import relative_rms
@@ -488,3 +488,20 @@ class TestBadInput:
         with pytest.raises(ValueError, match=r"^[^\n]*MeshView[^\n]*may shade itself[^\n]*$") as caught:
             aligned(torch.ones(3, 48, 48), view=tb.MeshView(tmp_path / "ball.ply", 48))
         assert "backend" not in str(caught.value)
+
+
+# --- Lights of few lamps -----------------------------------------------------------------------------------
+
+
+def sunny(share: float) -> LightProbe:
+    """A uniform sky with a small sun that sends so much of all light."""
+    sky = LightProbe(torch.ones(3, 64, 128))
+    radiance = sky.radiance.clone()
+    power = float(sky.solid_angles.sum())
+    radiance[:, 20, 30] = power * share / (1 - share) / float(sky.solid_angles[20, 30])
+    return LightProbe(radiance)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, False), (0.1, False), (0.4, True), (0.9, True)])
+def test_lamps_that_outshine_the_rest(share: float, expected: bool) -> None:
+    assert dominated(sunny(share)) == expected

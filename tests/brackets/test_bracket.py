@@ -99,17 +99,37 @@ def test_the_order_of_files_does_not_matter(tmp_path):
     assert torch.equal(merge(files).image.nan_to_num(), merge(files[::-1]).image.nan_to_num())
 
 
-def test_what_no_exposure_holds_is_nan_and_counted(tmp_path):
+def test_what_no_exposure_holds_is_infinite_or_nan_and_counted(tmp_path):
     scene = SCENE.clip(0.1, 50).copy()
     scene[20:40, 30:60] = 1e4
     scene[100:110, 80:100] = 1e-6
     with pytest.warns(UserWarning, match=r"IMG_0\.png, the shortest: add a shorter one"):
         found = merge(bracket(tmp_path, scene, TIMES, Camera(suffix=".png", noise=0)))
-    missing = torch.isnan(found.image).all(0).numpy()
-    assert missing[20:40, 30:60].all()
-    assert missing[100:110, 80:100].all()
-    assert missing.sum() == 800
-    assert found.about[3].endswith("600 too bright, 200 too dark, 0 between exposures")
+    bright, dark = (each(found.image).all(0).numpy() for each in (torch.isposinf, torch.isnan))
+    assert bright[20:40, 30:60].all()
+    assert bright.sum() == 600
+    assert dark[100:110, 80:100].all()
+    assert dark.sum() == 200
+    told = "600 too bright (600 infinite, the others beside them), 200 too dark, 0 between exposures"
+    assert found.about[3].endswith(f"which are infinite or NaN: {told}")
+
+
+def test_infinite_pixels_of_floating_point_files_are_too_bright(tmp_path):
+    files = []
+    for time in TIMES:
+        values = torch.from_numpy(SCENE * time).permute(2, 0, 1).clone()
+        values[:, 10:13, 20:22] = torch.inf
+        write_image(tmp_path / f"{time}.exr", values, {"expTime": time})
+        files.append(tmp_path / f"{time}.exr")
+    found = merge(files)
+    assert torch.isposinf(found.image).all(0).nonzero().tolist() == [[y, x] for y in (10, 11, 12) for x in (20, 21)]
+    assert "6 too bright" in found.about[3]
+
+
+def test_colours_of_what_is_too_bright_stay_infinite(tmp_path):
+    scene = with_lamp()
+    image = merge(bracket(tmp_path, scene, TIMES, Camera()), primaries="rec2020").image
+    assert torch.isposinf(image[:, 42:44, 52:54]).all()
 
 
 def test_a_gap_between_exposures_is_counted_apart(tmp_path):

@@ -11,6 +11,7 @@ from torchbrdf import LightProbe, write_image
 from torchbrdf.cli import main
 from torchbrdf.images import read_metadata
 
+SUN = torch.nn.functional.normalize(torch.tensor([0.6, 0.5, 0.6], dtype=torch.float64), dim=0)
 CIRCLE = tuple(f"{each:.3f}" for each in BALL.circle)
 
 
@@ -88,6 +89,39 @@ def test_pixels_of_no_exposure_are_told(capsys, tmp_path):
     status, _, err = run(capsys, tmp_path / "chrome.exr", *given, "-o", tmp_path / "probe.exr")
     assert status == 0
     assert "chrome.exr: 6 pixels of the ball hold no radiance (NaN) and are filled from around them; a lamp" in err
+
+
+def test_a_lamp_too_bright_for_every_exposure_goes_on_to_the_alignment(capsys, tmp_path):
+    image = photographed(BALL)
+    x, y, _ = (int(each) for each in BALL.circle)
+    image[:, y : y + 2, x : x + 3] = torch.inf
+    write_image(tmp_path / "chrome.exr", image)
+    given = ("--fov", 30, "--circle", *CIRCLE, "--rows", 64, "--mirror-reflectance", 1)
+    status, _, err = run(capsys, tmp_path / "chrome.exr", *given, "-o", tmp_path / "probe.exr")
+    assert status == 0
+    assert "of the sphere, are infinite: a lamp too bright for every exposure. `torchbrdf fit --align`" in err
+    with pytest.raises(ValueError, match=r"infinite texels? .* find its radiance with `torchbrdf fit --align`"):
+        LightProbe.open(tmp_path / "probe.exr")
+    lamps = LightProbe.open(tmp_path / "probe.exr", unknown_lamps=True).lamps
+    assert lamps is not None
+    assert lamps.unknown
+
+
+def test_a_clipped_photograph_of_8_bits(capsys, tmp_path):
+    whole = photographed(BALL, lambda d: 0.1 * room(d) + 50 * torch.exp(800 * (d.double() @ SUN - 1))[..., None])
+    write_image(tmp_path / "chrome.png", whole)
+    given = ("--fov", 30, "--circle", *CIRCLE, "--rows", 64, "--mirror-reflectance", 1)
+    status, _, err = run(capsys, tmp_path / "chrome.png", "--allow-ldr", *given, "-o", tmp_path / "probe.exr")
+    assert status == 0
+    assert "pixels of the ball have its largest value and are clipped: taken as infinite" in err
+
+
+def test_a_photograph_white_all_over(capsys, tmp_path):
+    write_image(tmp_path / "chrome.exr", photographed(BALL, room).clamp_max(1.5))
+    given = ("--fov", 30, "--circle", *CIRCLE, "--rows", 64, "--mirror-reflectance", 1)
+    status, _, err = run(capsys, tmp_path / "chrome.exr", *given, "-o", tmp_path / "probe.exr")
+    assert status == 0
+    assert "% of the ball's pixels have its largest value, and look clipped: too many to be a lamp" in err
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,12 @@ class TestWhichTexels:
         assert torch.equal(found[:2], radiance[:2] == CEILING)
         assert not found[2].any()
 
+    def test_one_texel_at_the_level_of_another_channel(self) -> None:
+        """Of a lamp clipped at one level, whose blue reaches it in the middle alone."""
+        radiance = with_lamp()
+        radiance[2, 20:22, 30:33] = torch.tensor([[5.0, CEILING, 7.0], [8.0, 9.0, 6.0]])
+        assert torch.equal(clipped(radiance), radiance == CEILING)
+
     def test_across_the_seam(self) -> None:
         radiance = sky()
         radiance[:, 20, 0] = radiance[:, 20, -1] = CEILING
@@ -182,5 +188,15 @@ class TestInfinite:
     def test_refused_otherwise(self) -> None:
         radiance = sky()
         radiance[:, 20, 30:32] = math.inf
-        with pytest.raises(ValueError, match=r"or find it with `torchbrdf fit --align` \(unknown_lamps=True"):
+        with pytest.raises(ValueError, match=r"find its radiance with `torchbrdf fit --align` \(unknown_lamps=True"):
             LightProbe(radiance)
+
+    @pytest.mark.parametrize("turn", [None, turn_about((0.0, 1.0, 0.0), 20.0)])
+    def test_saved_they_are_infinite_again(self, tmp_path: Path, turn: Tensor | None) -> None:
+        radiance = sky()
+        radiance[:, 20, 30:33] = math.inf
+        probe = LightProbe(radiance, unknown_lamps=True)
+        (probe if turn is None else probe.rotated(turn)).save(tmp_path / "probe.exr")
+        found = LightProbe.open(tmp_path / "probe.exr", unknown_lamps=True).lamps
+        assert found.unknown
+        assert int((found.radiance > 0).sum()) == (9 if turn is None else pytest.approx(9, abs=3))

@@ -592,7 +592,7 @@ def test_infinite_texels_are_never_filled(repair):
     radiance = torch.ones(3, 6, 12)
     radiance[0, 2:4, 5] = math.inf
     radiance[:, 2, 4] = math.nan
-    message = "light probe has 2 infinite texels of 72 (rows 2 to 3, column 5, counted from 0): a lamp brighter"
+    message = "light probe has 2 infinite texels of 72 (rows 2 to 3, column 5, counted from 0): a lamp too"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}") as caught:
         LightProbe(radiance, repair=repair)
     assert "repair" not in str(caught.value)

@@ -73,8 +73,11 @@ def test_pixels_that_no_exposure_holds_are_not_used(tmp_path, mask):
     image[0, 15, 23] = torch.inf
     write_image(tmp_path / "a.exr", image)
     found = Photograph.open(tmp_path / "a.exr", mask)
-    assert torch.equal(found.usable, BALL & ~torch.isnan(image).any(0))
-    assert found.about == ("left out 1 pixels that are not a number",)
+    assert torch.equal(found.usable, BALL & torch.isfinite(image).all(0))
+    assert found.about == (
+        "left out 1 pixels that are infinite (too bright)",
+        "left out 1 pixels that are not a number",
+    )
 
 
 def test_sizes_must_agree(tmp_path, mask):

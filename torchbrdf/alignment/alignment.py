@@ -7,7 +7,7 @@ A probe captured beside the object is never turned exactly as the object saw it,
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from math import degrees, log, radians
+from math import degrees, log, pi, radians
 from operator import attrgetter
 from typing import get_args
 
@@ -23,6 +23,7 @@ from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
 from torchbrdf.estimation.priors import farthest_points, image_angles
+from torchbrdf.images import luminance
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
@@ -51,6 +52,9 @@ _RIVAL = 10.0
 _COARSE_COLUMNS = 24
 _COARSE_LINES = 288
 """Basis BRDFs that look different, whose materials they are compared with, and lines of the light."""
+
+_LAMPS_SIZE, _DOMINANT = 0.001, 0.2
+"""Shares of the sphere and of the light: lamps that may make side peaks. A sun in the clear has a quarter and more."""
 
 _BLURS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Degrees that are tried, each only while the evidence grows."""
@@ -245,7 +249,27 @@ def _turn_costs(search: Range) -> float:
 
 
 def _starts(task: RotationSearch, believed: Trial, search: Range) -> list[Trial]:
-    return [believed] if search == "near" else _turned_about_vertical(task, believed)
+    if search == "full":
+        return _turned_about_vertical(task, believed)
+    return [_by_few(task, believed) if dominated(task.light.probe) else believed]
+
+
+def dominated(probe: LightProbe) -> bool:
+    """Whether so much light comes from so little of the sphere that the hill of rotations has side peaks."""
+    bright = luminance(probe.radiance.detach().double()).flatten()
+    angles = probe.solid_angles.flatten()
+    order = bright.argsort(descending=True)
+    of_lamps = angles[order].cumsum(0) <= _LAMPS_SIZE * 4 * pi
+    power = (bright * angles)[order]
+    return bool(power[of_lamps].sum() > _DOMINANT * power.sum())
+
+
+def _by_few(task: RotationSearch, believed: Trial) -> Trial:
+    """Where few materials under less light end, without the sharpest that make side peaks; or where it is better."""
+    coarse = _with_few(task, believed)
+    top = coarse.climb(coarse.trial(believed.rotation)).trial
+    task.evaluations += coarse.evaluations
+    return max(task.trial(top.rotation), believed, key=attrgetter("log_evidence"))
 
 
 def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
@@ -262,11 +286,7 @@ def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Tr
 
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:
     """Trials of the most promising turns about +Y, compared with few basis BRDFs and less light."""
-    light = task.light
-    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
-    names = sorted({light.library.names[column // 3] for column in distinct})
-    few = HarmonicBasis(light.library.subset(names), light.probe, light.view, lines=_COARSE_LINES)
-    coarse = RotationSearch(few, task.y, task.used, EXPECTED)
+    coarse = _with_few(task, believed)
     steps = [rotation_of(torch.tensor([0.0, radians(360 / _TURNS * k), 0.0])) for k in range(_TURNS)]
     turns = [step @ believed.rotation for step in steps]
     evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns])
@@ -275,6 +295,15 @@ def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]
     followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()
     task.evaluations += coarse.evaluations
     return [task.trial(turns[k]) for k in followed]
+
+
+def _with_few(task: RotationSearch, believed: Trial) -> RotationSearch:
+    """The same search with basis BRDFs that look different under the light that is believed, and less of it."""
+    light = task.light
+    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
+    names = sorted({light.library.names[column // 3] for column in distinct})
+    few = HarmonicBasis(light.library.subset(names), light.probe, light.view, lines=_COARSE_LINES)
+    return RotationSearch(few, task.y, task.used, EXPECTED)
 
 
 def _blurred(task: RotationSearch, best: Trial, summit: Summit, turned: bool) -> tuple[Trial, float, Summit]:

@@ -41,7 +41,9 @@ def describe_missing(frames: Sequence[Frame], radiance: Radiance) -> str:
     total = sum(missing for missing, _, _ in parts) + radiance.unrecorded
     if not total:
         return f"all {count} pixels are held"
-    told = f"{radiance.bright} too bright, {radiance.dark} too dark, {radiance.between} between exposures"
+    lost = int(radiance.lost.sum())
+    bright = f"{radiance.bright} too bright" + (f" ({lost} infinite, the others beside them)" if lost else "")
+    told = f"{bright}, {radiance.dark} too dark, {radiance.between} between exposures"
     if radiance.unrecorded:
         told += f", {radiance.unrecorded} recorded by no file"
-    return f"{total} of {count} pixels are NaN, which no exposure holds: {told}"
+    return f"no exposure holds {total} of {count} pixels, which are {'infinite or ' if lost else ''}NaN: {told}"

@@ -29,7 +29,7 @@ from torchbrdf.images import DEFAULT_SPACE, SPACES, ColourSpace, conversion, rea
 class Merged:
     """A picture of radiance, and what was found on the way.
 
-    image        (3, H, W) float32  linear radiance, NaN where no exposure holds it
+    image        (3, H, W) float32  linear radiance; where no exposure holds it, infinite if too bright, else NaN
     calibration  what another set must be merged with to have the same scale
     attributes   what `write_image` keeps of it in an .exr file: the calibration, and how the photograph was taken
     about        for people: lines
@@ -115,6 +115,7 @@ def _result(
         values = development(values)
     if not source.agrees(SPACES[target]):
         values = values @ conversion(source, SPACES[target]).T.astype(np.float32)
+    values = np.where(radiance.lost[..., None], np.float32(np.inf), values)
     calibration = Calibration(
         chosen.curve, chosen.stops, unit, target, first.shooting.camera, first.kind, first.development and development
     )

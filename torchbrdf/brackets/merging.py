@@ -30,13 +30,15 @@ _CODE_NOISE = 1.0
 class Radiance:
     """Linear values over exposure, (H, W, 3) float32: NaN in the pixels counted here.
 
-    bright      clipped in every frame that shows them
+    lost        (H, W) bool: too bright for the shortest frame, and so for all
+    bright      clipped in every frame that shows them, or beside such pixels
     dark        black in every frame
     between     clipped in some frames and black in all others
     unrecorded  NaN in every frame
     """
 
     values: np.ndarray
+    lost: np.ndarray
     bright: int
     dark: int
     between: int
@@ -54,15 +56,20 @@ def merged(
     exposures  (F,)
     clip       (3,)  from which value on codes are clipped
     """
+    import cv2
+
     size = (frames[0].codes.shape[0], frames[0].codes.shape[1])
     numerator = np.zeros((3, *size), dtype=np.float32)
     denominator = np.zeros_like(numerator)
-    shown, clipped = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+    shown, clipped, lost = (np.zeros(size, dtype=bool) for _ in range(3))
     for frame, motion, exposure in zip(frames, motions, exposures.astype(np.float32), strict=True):
         moved = _Moved(motion, size)
-        open_share, bright = _unclipped(
-            frame, clip, margin=2 if not motion.still(size) else frame.kind.endswith("JPEG")
-        )
+        open_share, bright = _unclipped(frame, clip)
+        if frame is frames[0]:
+            lost = moved(bright) > 0.5
+        if margin := 2 if not motion.still(size) else int(frame.kind.endswith("JPEG")):
+            bright = cv2.dilate(bright, np.ones((2 * margin + 1, 2 * margin + 1), np.uint8))
+            open_share[bright > 0] = 0  # what lies around clipped pixels is not trusted either
         open_share = moved(open_share)
         clipped |= moved(bright) > 0
         seen = frame.codes.max(axis=2) > _SEEN_STEPS * frame.step * frame.full_scale
@@ -77,7 +84,7 @@ def merged(
         values = np.where(held & shown, numerator / denominator, np.nan).transpose(1, 2, 0)
     unseen = held & ~shown
     counts = (int(one.sum()) for one in (~held & clipped, unseen & ~clipped, unseen & clipped, ~held & ~clipped))
-    return Radiance(np.ascontiguousarray(values), *counts)
+    return Radiance(np.ascontiguousarray(values), lost & ~held, *counts)
 
 
 class _Moved:
@@ -98,20 +105,12 @@ class _Moved:
         return cv2.warpAffine(plane, self.matrix, self.size, flags=how | cv2.WARP_INVERSE_MAP, borderMode=border)
 
 
-def _unclipped(frame: Frame, clip: np.ndarray, margin: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) float32 each: from 1 to 0 towards clipping in any channel; and 1 where it is reached.
-
-    margin  pixels around clipped ones that are not trusted either
-    """
-    import cv2
-
+def _unclipped(frame: Frame, clip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) float32 each: from 1 to 0 towards clipping in any channel; and 1 where it is reached."""
     share = np.ones(frame.codes.shape[:2], dtype=np.float32)
     for k in range(3):
         np.minimum(share, _of_codes(frame, k, partial(_falling, clip=float(clip[k]))), out=share)
-    bright = np.where((share > 0) | ~np.isfinite(frame.codes).all(axis=2), np.float32(0), np.float32(1))
-    if margin:
-        bright = np.asarray(cv2.dilate(bright, np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)), dtype=np.float32)
-        share[bright > 0] = 0
+    bright = np.where((share > 0) | np.isnan(frame.codes).any(axis=2), np.float32(0), np.float32(1))
     return share, bright
 
 

@@ -24,7 +24,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = "linear RGB of the result; default: that of --like, else rec709"
     parser.add_argument("--primaries", choices=get_args(ColourSpace), help=text)
     add_strict(parser)
-    add_output(parser, "X.exr: linear radiance, NaN where no exposure holds it")
+    add_output(
+        parser,
+        "X.exr: linear radiance; infinite where too bright for all exposures, NaN where else none holds it",
+    )
 
 
 def seconds(text: str) -> float:
@@ -36,6 +39,8 @@ def seconds(text: str) -> float:
 
 def run(options: argparse.Namespace) -> int:
     """Merge brackets, a scene at several exposures, into one linear HDR picture for `fit` and `--probe`."""
+    from numpy import errstate
+
     from torchbrdf.brackets import merge
     from torchbrdf.images import write_image
 
@@ -43,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(
             f"{options.output}: a merged picture is an .exr file, which keeps what it was made with; name it X.exr"
         )
-    with writing(options.output) as temporary:
+    with writing(options.output) as temporary, errstate(invalid="ignore", over="ignore"):  # of infinite pixels
         merged = merge(
             options.images,
             options.times,

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 _MUCH_SPHERE, _MUCH_LIGHT = 0.1, 0.05
 """Shares that are filled in: above one of them the command warns."""
 
+_MUCH_WHITE = 0.002
+"""Share of a ball's pixels at the largest value, above which the command warns."""
+
 _ANOTHER_SIDE = 20.0
 """Degrees between two cameras, below which the second shows little more than the first."""
 
@@ -43,6 +46,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = "of the probe; default: as fine as the middle of the ball, at least 512"
     parser.add_argument("--rows", type=whole_number(8, LARGEST_SIZE), metavar="N", help=text)
     parser.add_argument("--layer", metavar="NAME", help="of photographs that hold several pictures")
+    text = "take photographs of 8 or 16 bits, decoded as they say, else with gamma 2.2; lamps are clipped there"
+    parser.add_argument("--allow-ldr", action="store_true", help=text)
     text = "linear RGB of the probe, to which photographs are converted; default: %(default)s"
     parser.add_argument("--primaries", choices=get_args(ColourSpace), default=DEFAULT_SPACE, help=text)
     add_strict(parser)
@@ -61,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     photographs, sights = zip(*(_photograph(options, index) for index in range(len(options.photos))), strict=True)
     found = unwrapped(photographs, reflectance, options.rows, beside=not options.no_surroundings)
     title = " and ".join(path.name for path in options.photos)
-    probe = LightProbe(found.radiance, name=f"light of {title}")
+    probe = LightProbe(found.radiance, unknown_lamps=True, name=f"light of {title}")
     with writing(options.output) as temporary:
         probe.save(temporary, options.primaries, {"mirrorBall": "; ".join((*sights, reflects, *_told(found)))})
     for line in (*sights, reflects, *_told(found)):
@@ -115,7 +120,9 @@ def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotogr
     circle, mask, ball_number = (
         given[index] if given else None for given in (options.circle, options.mask, options.ball)
     )
-    photograph = Photograph.open(path, mask, layer=options.layer, primaries=options.primaries)
+    photograph = Photograph.open(
+        path, mask, allow_ldr=options.allow_ldr, layer=options.layer, primaries=options.primaries
+    )
     camera, told = open_camera(options, path, photograph.size)
     if camera is None:
         raise ValueError(
@@ -127,16 +134,28 @@ def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotogr
         if not isinstance(ball, Ball):
             raise ValueError("the ball needs its camera")
         marked = None if photograph.mask is None else photograph.mask[0]  # NaN pixels count: they are told
-        found = MirrorPhotograph(photograph.image, ball, marked)
-    if found.empty:
-        warnings.warn(
-            f"{path}: {found.empty} pixels of the ball hold no radiance (NaN) and are filled from around them; a lamp "
-            "among them is lost: add a shorter exposure",
-            UserWarning,
-            stacklevel=2,
-        )
+        recorded = MirrorPhotograph(photograph.image, ball, marked)
+        found = recorded.with_lamps_lost()
+    for doubt in _doubts_of(recorded, found):
+        warnings.warn(f"{path}: {doubt}", UserWarning, stacklevel=2)
     read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
     return found, f"{path}{read}: {ball}, {origin}, {ball.beside}, {told}"
+
+
+def _doubts_of(recorded: "MirrorPhotograph", found: "MirrorPhotograph") -> list[str]:
+    """What a photograph does not hold: as it was recorded, and with lamps marked."""
+    doubts = []
+    if found is not recorded:
+        doubts.append(f"{found.lost} pixels of the ball have its largest value and are clipped: taken as infinite")
+    elif found.white > _MUCH_WHITE:
+        doubts.append(
+            f"{found.white:.1%} of the ball's pixels have its largest value, and look clipped: too many to be a lamp "
+            "whose radiance --align could find, and the light comes out too dim; add shorter exposures"
+        )
+    if found.empty:
+        lost = "" if found.lost else "; a lamp among them would be lost"
+        doubts.append(f"{found.empty} pixels of the ball hold no radiance (NaN) and are filled from around them{lost}")
+    return doubts
 
 
 def _told(found: "MirrorProbe") -> list[str]:
@@ -153,11 +172,20 @@ def _told(found: "MirrorProbe") -> list[str]:
 
 def _doubts(options: argparse.Namespace, found: "MirrorProbe") -> list[str]:
     """What may be wrong with it."""
+    import torch
+
     doubts = []
     if options.metal is None and options.mirror_reflectance is None:
         doubts.append(
             "the ball is taken to reflect all light, and polished chrome reflects 0.55 to 0.7 of it: the light then "
             "comes out too dim, and every BRDF too bright; give --mirror-reflectance R or --metal NAME"
+        )
+    infinite = torch.isposinf(found.radiance).any(0)
+    if bool(infinite.any()):
+        doubts.append(
+            f"{int(infinite.sum())} texels of the light, {found.share(infinite):.2%} of the sphere, are infinite: a "
+            "lamp too bright for every exposure. `torchbrdf fit --align` finds its radiance by what it lights (one for "
+            "all of them), and without --align fit refuses them; a shorter exposure shows it"
         )
     sphere, light = found.share(found.filled), found.light(found.filled)
     if sphere > _MUCH_SPHERE or light > _MUCH_LIGHT:

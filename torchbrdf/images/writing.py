@@ -30,7 +30,8 @@ def write_image(
 
     path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png
                (8 bits, tone mapped by `tone_map`)
-    image      (3, H, W) linear RGB; any device. NaN marks pixels that were not recorded, in .exr files
+    image      (3, H, W) linear RGB; any device. In .exr files NaN marks pixels that were not recorded, and
+               infinity those that were too bright
     metadata   text and numbers to keep in the header, .exr only: `read_metadata` gives the text back. Names of 1 to 31
                characters, none of those that OpenEXR itself needs
     primaries  the colour space of the image, which .exr and .hdr files then name; for .png it is converted to Rec. 709

@@ -27,10 +27,10 @@ def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str, unknown_la
     clipped = used & (radiance == math.inf).any(dim=0)
     if bool(clipped.any()):
         raise ValueError(
-            f"{name} has {_count(clipped, 'infinite texel')} of {total} ({place(clipped)}): a lamp brighter than the "
-            "numbers that it was saved in (half floats end at 65504). Filling it from its neighbours would put sky in "
-            "its place: save the probe with 32-bit floats, write the lamp's radiance there, or find it with "
-            "`torchbrdf fit --align` (unknown_lamps=True and tb.align in Python)"
+            f"{name} has {_count(clipped, 'infinite texel')} of {total} ({place(clipped)}): a lamp too bright for "
+            "every exposure, or for the numbers that it was saved in (half floats end at 65504). Filling it from its "
+            "neighbours would put sky in its place: find its radiance with `torchbrdf fit --align` (unknown_lamps=True "
+            "and tb.align in Python), add a shorter exposure, or save the probe with 32-bit floats"
         )
     huge = used & (radiance > _NO_RADIANCE).any(dim=0)
     if bool(huge.any()):

@@ -65,8 +65,9 @@ def lamps_of(picture: Tensor, weights: Tensor, infinite: Tensor | None = None) -
 
     weights   (h, w) or (h, 1): solid angles up to a factor
     infinite  (3, h, w) bool: of `bounded`
-    Texels at the largest value of their channel, beside another such one, or alone where all channels are largest;
-    together no larger than LARGEST_SHARE, and bright. Infinite texels are lamps of any size.
+    Texels at the largest value of their channel, beside another such one, or in such a plateau of another channel that
+    ends at the same value, or alone where all channels are largest; together no larger than LARGEST_SHARE, and bright.
+    Infinite texels are lamps of any size.
     """
     values, weights = picture.detach(), weights.expand(picture.shape[1:])
     unknown = infinite is not None and bool(infinite.any())
@@ -99,7 +100,10 @@ def _at_ceiling(values: Tensor, weights: Tensor) -> Tensor:
     flags &= ceiling > _LEAST_CONTRAST * (values * share).sum((1, 2), keepdim=True)
     wrapped = torch.cat([flags[..., -1:], flags, flags[..., :1]], -1).float()
     plateau = flags & (torch.nn.functional.avg_pool2d(wrapped, 3, 1, (1, 0)) > 1.5 / 9)
-    return plateau if bool(plateau.any()) else flags & flags.all(0)
+    if not bool(plateau.any()):
+        return flags & flags.all(0)
+    level = (ceiling * plateau.flatten(1).any(1)[:, None, None]).max()
+    return plateau | (flags & plateau.any(0) & ((ceiling - level).abs() <= _ROUNDING * level))
 
 
 def _certain(values: Tensor, clipped: Tensor) -> bool:

@@ -278,6 +278,7 @@ class LightProbe:
     ) -> None:
         """Write the radiance as an .exr file that says that its rows run from pole to pole; `open` gives it back.
 
+        Lamps of unknown radiance are infinite in it.
         primaries  the colour space of the radiance, which the file then names
         metadata   further attributes, by name
         raises     ValueError for another suffix, OSError where the file cannot be written
@@ -285,7 +286,10 @@ class LightProbe:
         if Path(path).suffix.lower() != ".exr":
             raise ValueError(f"{path}: a light probe is saved as .exr, which can say how its rows lie; name it .exr")
         known = {} if self.lamps is not None else {LAMPS_KEY: KNOWN}
-        write_image(path, self._radiance, {**(metadata or {}), ROWS_KEY: "poles", **known}, primaries=primaries)
+        radiance = self._radiance
+        if self.lamps is not None and self.lamps.unknown:
+            radiance = torch.where(self.lamps.radiance > radiance / 2, math.inf, radiance)
+        write_image(path, radiance, {**(metadata or {}), ROWS_KEY: "poles", **known}, primaries=primaries)
 
     def to(self, device: torch.device | str) -> LightProbe:
         """The probe on another device."""

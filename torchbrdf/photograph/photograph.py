@@ -16,7 +16,7 @@ class Photograph:
     """What a camera recorded, and which pixels of it may be used.
 
     image   (3, H, W) float32  linear radiance
-    usable  (1, H, W) bool     recorded (none is NaN there), and marked by the mask
+    usable  (1, H, W) bool     recorded (none is NaN or infinite there), and marked by the mask
     mask    (1, H, W) bool     what marks the shape: the file given, else the photograph's alpha; None without either
     window  the part that was recorded; None for all
     about   how the files were read where they could be read otherwise, for people
@@ -71,8 +71,10 @@ class Photograph:
             recorded[:, *picture.window.slices] = True
             usable &= recorded
             about.append(f"recorded {picture.window.height} x {picture.window.width} of its pixels")
-        unknown = usable & torch.isnan(picture.image).any(0, keepdim=True)
-        if unknown.any():  # `merge` marks so what no exposure holds
-            usable &= ~unknown
-            about.append(f"left out {int(unknown.sum())} pixels that are not a number")
+        bright = usable & (picture.image == torch.inf).any(0, keepdim=True)
+        unknown = usable & ~bright & torch.isnan(picture.image).any(0, keepdim=True)
+        for left_out, why in ((bright, "infinite (too bright)"), (unknown, "not a number")):
+            if left_out.any():  # `merge` marks so what no exposure holds
+                usable &= ~left_out
+                about.append(f"left out {int(left_out.sum())} pixels that are {why}")
         return cls(picture.image, usable, marked, picture.window, tuple(about))

@@ -55,7 +55,8 @@ def silhouette_section(scene: Scene) -> str:
 
 def _outlined(scene: Scene, rows: slice, columns: slice, caption: str) -> str:
     """A part of the photograph, made smaller by whole pixels, under the outline."""
-    part = scene.photograph[:, rows, columns].nan_to_num(0.0, 0.0, 0.0)
+    part = scene.photograph[:, rows, columns]
+    part = part.nan_to_num(0.0, float(part[part.isfinite()].amax()), 0.0)
     step = ceil(max(part.shape[1:]) / _WIDEST)
     shown = avg_pool2d(part, step, ceil_mode=True, count_include_pad=False)
     _, height, width = part.shape

@@ -97,13 +97,69 @@ def test_pixels_without_radiance_are_filled(image):
     assert found.share(found.filled) > whole.share(whole.filled) + 0.002
 
 
+SUN = torch.nn.functional.normalize(torch.tensor([0.6, 0.5, 0.6], dtype=torch.float64), dim=0)
+
+
+def sunny(directions: Tensor) -> Tensor:
+    """The scene, infinite in a disc of 4 degrees' radius."""
+    sun = directions.double() @ SUN > math.cos(math.radians(4))
+    return torch.where(sun[..., None], math.inf, scene(directions))
+
+
+@pytest.mark.parametrize("rows", [24, 128, 512])
+def test_a_lamp_too_bright_is_passed_on_where_it_is(rows):
+    found = unwrapped([MirrorPhotograph(photographed(BALL, sunny), BALL)], height=rows)
+    infinite = torch.isposinf(found.radiance)
+    weights = LightProbe(torch.ones_like(found.radiance)).solid_angles
+    middle = (texels(rows) * (weights * infinite[0])[..., None]).sum((0, 1))
+    assert torch.equal(infinite, infinite[:1].expand(3, -1, -1))
+    assert float(torch.nn.functional.normalize(middle, dim=0) @ SUN) > math.cos(math.radians(1 + 45 / rows))
+    assert difference(torch.where(infinite, scene(texels(rows)).permute(2, 0, 1), found.radiance)) < 0.03
+
+
+def test_a_lamp_seen_from_two_sides_is_one():
+    one = MirrorPhotograph(photographed(BALL, lambda d: torch.where(sunny(d) < math.inf, room(d), math.inf)), BALL)
+    seen = photographed(OTHER, lambda d: torch.where(sunny(d @ TURN.T) < math.inf, room(d @ TURN.T), math.inf))
+    found = unwrapped([one, MirrorPhotograph(seen, OTHER)], height=128)
+    toward = texels(128)[torch.isposinf(found.radiance[0])].double()
+    assert float((toward @ SUN).min()) > math.cos(math.radians(8))
+
+
+def test_a_lamp_beside_the_ball_is_passed_on(image):
+    image = image.clone()
+    image[:, 2:4, 3:6] = math.inf
+    found = unwrapped([MirrorPhotograph(image, BALL)], height=256)
+    infinite = torch.isposinf(found.radiance[0])
+    place = CAMERA.project(texels(256)[infinite].double())
+    assert len(place)
+    assert (place - torch.tensor([4.5, 3.0])).abs().max() < 2.5
+
+
+def test_clipped_pixels_are_too_bright():
+    whole = photographed(BALL, lambda d: room(d) + 500 * torch.exp(800 * (d.double() @ SUN - 1))[..., None])
+    clipped = MirrorPhotograph(whole.clamp_max(20.0), BALL).with_lamps_lost()
+    assert torch.equal(clipped.infinite & clipped.shown, (whole >= 20 * 0.999) & clipped.shown)
+    assert clipped.lost > 3
+
+
+def test_what_is_not_clipped_stays(image):
+    photograph = MirrorPhotograph(photographed(BALL, room), BALL)
+    assert photograph.with_lamps_lost() is photograph
+    assert photograph.white < 0.001
+
+
+def test_much_white_is_no_lamp():
+    photograph = MirrorPhotograph(photographed(BALL, room).clamp_max(1.5), BALL)
+    assert photograph.with_lamps_lost() is photograph
+    assert photograph.white > 0.01
+
+
 def test_what_is_no_mirror_photograph(image):
     with pytest.raises(ValueError, match=r"^a photograph by this camera is \(3, 120 x 180\), got \(3, 60, 60\)$"):
         MirrorPhotograph(torch.ones(3, 60, 60), BALL)
-    with pytest.raises(ValueError, match=r"^[0-9]+ pixels of the ball are infinite: a lamp brighter than"):
-        MirrorPhotograph(torch.full((3, 120, 180), math.inf), BALL)
-    with pytest.raises(ValueError, match=r"^no pixel of the ball can be used: the mask leaves none, or all hold NaN$"):
-        MirrorPhotograph(image, BALL, torch.zeros(120, 180, dtype=torch.bool))
+    for bad, mask in ((torch.full((3, 120, 180), math.inf), None), (image, torch.zeros(120, 180, dtype=torch.bool))):
+        with pytest.raises(ValueError, match=r"^no pixel of the ball can be used: the mask leaves none, or all are"):
+            MirrorPhotograph(bad, BALL, mask)
     with pytest.raises(ValueError, match=r"^a mirror probe is made of one or two photographs, got 3$"):
         unwrapped([MirrorPhotograph(image, BALL)] * 3)
 

@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 
 import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball
+from torchbrdf.light.lamps import bounded, lamps_of
 from torchbrdf.light.latlong import LEAST_HEIGHT, row_solid_angles
 from torchbrdf.light.mirror.filling import filled
 from torchbrdf.light.mirror.metals import Metal
 from torchbrdf.light.mirror.pixels import inside
 from torchbrdf.light.mirror.reflection import Reflection
 from torchbrdf.light.mirror.registration import Registration, find_rotation
-from torchbrdf.light.mirror.unwrapping import Reflectance, reflected, surroundings
+from torchbrdf.light.mirror.unwrapping import Reflectance, Seen, reflected, surroundings
+
+_ROUNDING = 1e-6
+_ABOVE = 1.5
+"""Times as bright as the others on the mean."""
 
 
 @dataclass(frozen=True)
 class MirrorPhotograph:
     """A photograph and the mirror ball in it.
 
-    image   (3, H, W) linear radiance; pixels of NaN are not used
+    image   (3, H, W) linear radiance; pixels of NaN are not used, infinite ones are lamps of unknown radiance
     ball    where its camera sees it
     usable  (H, W) bool: pixels of the ball that may be used; None for all
-    Raises ValueError for another size than the camera's, or infinite pixels in the ball.
+    Raises ValueError for another size than the camera's, or without a pixel of the ball that holds radiance.
     """
 
     image: Tensor
@@ -39,14 +44,8 @@ class MirrorPhotograph:
         if self.image.ndim != 3 or len(self.image) != 3 or tuple(size) != tuple(self.ball.camera.size):
             wanted = " x ".join(str(n) for n in self.ball.camera.size)
             raise ValueError(f"a photograph by this camera is (3, {wanted}), got {tuple(self.image.shape)}")
-        clipped = self.shown & (self.image == torch.inf).any(0)
-        if bool(clipped.any()):
-            raise ValueError(
-                f"{int(clipped.sum())} pixels of the ball are infinite: a lamp brighter than the numbers that it was "
-                "saved in; save it with 32-bit floats, or leave them out with --mask FILE"
-            )
-        if not bool((self.shown & self.sound).any()):
-            raise ValueError("no pixel of the ball can be used: the mask leaves none, or all hold NaN")
+        if not bool((self.shown & torch.isfinite(self.image).all(0)).any()):
+            raise ValueError("no pixel of the ball can be used: the mask leaves none, or all are NaN or infinite")
 
     @cached_property
     def shown(self) -> Tensor:
@@ -56,8 +55,39 @@ class MirrorPhotograph:
 
     @cached_property
     def sound(self) -> Tensor:
-        """(H, W) bool: pixels that hold radiance."""
-        return torch.isfinite(self.image).all(0)
+        """(H, W) bool: pixels that hold radiance, be it infinite."""
+        return (torch.isfinite(self.image) | self.infinite).all(0)
+
+    @cached_property
+    def infinite(self) -> Tensor:
+        """(3, H, W) bool."""
+        return self.image == torch.inf
+
+    @cached_property
+    def bounded(self) -> Tensor:
+        """(3, H, W): the image with infinite values as bright as the brightest finite one."""
+        return bounded(self.image, self.sound)[0]
+
+    @property
+    def lost(self) -> int:
+        """How many of the pixels shown are too bright: infinite."""
+        return int((self.shown & self.infinite.any(0)).sum())
+
+    def with_lamps_lost(self) -> MirrorPhotograph:
+        """The same, infinite where its brightest pixels are certain to be clipped at one value; see `Lamps.certain`."""
+        weights = Reflection(self.ball).solid_angles(self.shown & self.sound)
+        lamps = lamps_of(torch.where(weights > 0, self.bounded, 0.0), weights)
+        if lamps is None or not lamps.certain or self.lost:
+            return self
+        return replace(self, image=torch.where(lamps.radiance > 0, torch.inf, self.image))
+
+    @cached_property
+    def white(self) -> float:
+        """Share of the pixels shown that hold the largest value of all, much above the others; 0 where they do not."""
+        shown = self.bounded[:, self.shown & self.sound]
+        at_most = (shown >= (1 - _ROUNDING) * shown.max()).any(0)
+        others = shown[:, ~at_most]
+        return float(at_most.double().mean()) if others.numel() and shown.max() > _ABOVE * others.mean() else 0.0
 
     @property
     def empty(self) -> int:
@@ -69,7 +99,8 @@ class MirrorPhotograph:
 class MirrorProbe:
     """A light probe, and what of it was seen.
 
-    radiance   (3, H, 2 H), in the frame of the first camera: it looks along -Z, image right is +X
+    radiance   (3, H, 2 H), in the frame of the first camera: it looks along -Z, image right is +X; infinite where the
+               photographs are
     reflected  (H, 2 H) bool: directions seen in a ball
     beside     (H, 2 H) bool: others, seen beside one
     turn       of the second photograph's camera; None for one photograph
@@ -91,8 +122,8 @@ class MirrorProbe:
         return float(weights[directions].sum() / weights.sum())
 
     def light(self, directions: Tensor) -> float:
-        """Share of the light, as filled in, of all three channels."""
-        power = self.radiance.double().sum(0) * row_solid_angles(*directions.shape)[:, None]
+        """Share of the light, as filled in, of all three channels; without what is infinite."""
+        power = self.radiance.double().nan_to_num(posinf=0.0).sum(0) * row_solid_angles(*directions.shape)[:, None]
         return float(power[directions].sum() / power.sum())
 
 
@@ -116,20 +147,56 @@ def unwrapped(
     share = reflectance.reflectance if isinstance(reflectance, Metal) else _constant(reflectance)
     reflections = [Reflection(each.ball) for each in photographs]
     rows = height or max(LEAST_HEIGHT, *(each.rows for each in reflections))
-    parts = list(zip(photographs, reflections, strict=True))
-    views = [reflected(one.image, one.shown & one.sound, seen, rows, share) for one, seen in parts]
+    sides = [_Side(one, seen, rows) for one, seen in zip(photographs, reflections, strict=True)]
     turn = None
-    seen = views[0]
-    if len(views) == 2:
-        turn = find_rotation(*views)
-        one, other = parts[1]
-        again = reflected(one.image / turn.gain, one.shown & one.sound, other, rows, share, turn.rotation)
-        seen = seen.averaged(again)
-    whole = seen
-    for index, one in enumerate(photographs if beside else ()):
-        gain, rotation = (turn.gain, turn.rotation) if turn is not None and index else (1.0, None)
-        whole = whole.completed(surroundings(one.image / gain, one.sound, one.ball, rows, rotation))
-    return MirrorProbe(filled(whole), seen.known, whole.known & ~seen.known, turn)
+    if len(sides) == 2:
+        turn = find_rotation(*(side.mirrored(side.photograph.bounded, share) for side in sides))
+        sides[1] = replace(sides[1], rotation=turn.rotation)
+
+    def joined(images: Iterable[Tensor], share: Reflectance | None = None) -> tuple[Seen, Seen]:
+        """What is seen of images of their size, in the balls, and beside them, too, where balls show nothing."""
+        pairs = list(zip(sides, images, strict=True))
+        seen = reduce(Seen.averaged, (side.mirrored(image, share) for side, image in pairs))
+        return seen, reduce(Seen.completed, (side.surroundings(image) for side, image in pairs if beside), seen)
+
+    gains = (1.0,) if turn is None else (1.0, turn.gain)
+    seen, whole = joined((one.bounded / gain for one, gain in zip(photographs, gains, strict=True)), share)
+    radiance = filled(whole)
+    if any(bool(one.infinite.any()) for one in photographs):
+        _, infinite = joined(one.infinite.to(one.image.dtype) for one in photographs)
+        radiance = torch.where(_mostly(infinite.radiance), torch.inf, radiance)
+    return MirrorProbe(radiance, seen.known, whole.known & ~seen.known, turn)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One of the photographs, and how it sees the light.
+
+    rows      of the lat-long map
+    rotation  (3, 3), from its camera's frame to the map's; None where they are the same
+    """
+
+    photograph: MirrorPhotograph
+    reflection: Reflection
+    rows: int
+    rotation: Tensor | None = None
+
+    def mirrored(self, image: Tensor, share: Reflectance | None) -> Seen:
+        """What an image (3, H, W) of its size shows in the ball."""
+        usable = self.photograph.shown & self.photograph.sound
+        return reflected(image, usable, self.reflection, self.rows, share, self.rotation)
+
+    def surroundings(self, image: Tensor) -> Seen:
+        """What it shows beside the ball."""
+        return surroundings(image, self.photograph.sound, self.photograph.ball, self.rows, self.rotation)
+
+
+def _mostly(shares: Tensor) -> Tensor:
+    """(3, H, 2 H) bool: texels of which flagged pixels have the larger share, or, of a patch too small, the largest."""
+    around = torch.nn.functional.max_pool2d(
+        torch.cat([shares[..., -1:], shares, shares[..., :1]], -1), 3, stride=1, padding=(1, 0)
+    )
+    return (shares > 0) & (shares >= around / 2)
 
 
 def _constant(given: float | Sequence[float]) -> Reflectance:
