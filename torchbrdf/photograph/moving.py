@@ -108,8 +108,13 @@ class MovingSilhouette:
 
     def change(self, shift: Tensor) -> Tensor:
         """(3, 3, P): derivatives of `seen` by the shift, exact: radiance along the sides of boxes."""
-        slope: Tensor = torch.func.jacfwd(self.seen)(shift)
-        return slope.movedim(-1, 0)
+        at = shift.detach().requires_grad_()
+        with torch.enable_grad():
+            seen = self.seen(at)
+            back = torch.zeros_like(seen, requires_grad=True)
+            pulled = torch.autograd.grad(seen, at, back, create_graph=True)[0]  # linear in `back`: its transpose pushes
+        pushed = [torch.autograd.grad(each, back, retain_graph=True)[0] for each in pulled]
+        return torch.stack(pushed)
 
     @cached_property
     def radius(self) -> float:
