@@ -10,6 +10,7 @@ from mirror_balls import BALL, photographed, room, scene, texels
 from torchbrdf import LightProbe, write_image
 from torchbrdf.cli import main
 from torchbrdf.images import read_metadata
+from torchbrdf.light.mirror.pixels import inside
 
 SUN = torch.nn.functional.normalize(torch.tensor([0.6, 0.5, 0.6], dtype=torch.float64), dim=0)
 CIRCLE = tuple(f"{each:.3f}" for each in BALL.circle)
@@ -50,6 +51,16 @@ def test_without_a_reflectance_there_is_a_warning(capsys, chrome, tmp_path):
     status, _, err = run(capsys, chrome, *given, "-o", tmp_path / "probe.exr", "--strict")
     assert status == 3
     assert "give --mirror-reflectance R or --metal NAME" in err
+
+
+def test_another_ball_than_a_mirror_is_a_warning(capsys, tmp_path):
+    image = photographed(BALL, room)
+    image[:, inside(BALL)] = 0.4
+    write_image(tmp_path / "grey.exr", image)
+    given = ("--fov", 30, "--circle", *CIRCLE, "--rows", 16, "--mirror-reflectance", 1)
+    status, _, err = run(capsys, tmp_path / "grey.exr", *given, "-o", tmp_path / "probe.exr")
+    assert status == 0
+    assert "grey.exr: the ball looks matte" in err
 
 
 def test_the_same_photograph_twice_is_none_from_another_side(capsys, tmp_path):

@@ -136,15 +136,25 @@ def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotogr
         marked = None if photograph.mask is None else photograph.mask[0]  # NaN pixels count: they are told
         recorded = MirrorPhotograph(photograph.image, ball, marked)
         found = recorded.with_lamps_lost()
-    for doubt in _doubts_of(recorded, found):
+    for doubt in _doubts_of(recorded, found, _reflectance(options)[0]):
         warnings.warn(f"{path}: {doubt}", UserWarning, stacklevel=2)
     read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
     return found, f"{path}{read}: {ball}, {origin}, {ball.beside}, {told}"
 
 
-def _doubts_of(recorded: "MirrorPhotograph", found: "MirrorPhotograph") -> list[str]:
+def _doubts_of(
+    recorded: "MirrorPhotograph", found: "MirrorPhotograph", reflectance: "list[float] | Metal"
+) -> list[str]:
     """What a photograph does not hold: as it was recorded, and with lamps marked."""
+    from torchbrdf.light.mirror import Metal, looks_matte
+
     doubts = []
+    factors = 1.0 if isinstance(reflectance, Metal) else found.image.new_tensor(reflectance)[:, None, None]
+    if looks_matte(found.bounded / factors, found.shown & found.sound, found.ball):
+        doubts.append(
+            "the ball looks matte: it shows nothing as sharp as a mirror does, nor what lies beside it; give the "
+            "photograph of the mirror ball"
+        )
     if found is not recorded:
         doubts.append(f"{found.lost} pixels of the ball have its largest value and are clipped: taken as infinite")
     elif found.white > _MUCH_WHITE:

@@ -1,3 +1,4 @@
+from .matte import looks_matte as looks_matte
 from .metals import Metal as Metal
 from .photographs import (
     MirrorPhotograph as MirrorPhotograph,
