@@ -259,7 +259,7 @@ def dominated(probe: LightProbe) -> bool:
 
 
 def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
-    """Where few materials under less light end, without the sharpest that make side peaks; none where it is worse."""
+    """Where few materials under less light end, whose hill has fewer side peaks; none where it is worse."""
     coarse = _with_few(task, believed)
     top = coarse.climb(coarse.trial(believed.rotation)).trial
     task.evaluations += coarse.evaluations
