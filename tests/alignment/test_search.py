@@ -1,13 +1,14 @@
 """The evidence of rotations: its top, its slopes and curvature against differences, climbs, priors, blurred light."""
 
 from math import degrees, log, radians
+from types import SimpleNamespace
 
 import pytest
 import torch
 from torch import Tensor
 
 from torchbrdf.alignment import _search as rotation_search
-from torchbrdf.alignment._search import RotationSearch, Trial
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.light.rotations import rotation_vector
@@ -251,3 +252,18 @@ def test_another_probe_compares(room: HarmonicBasis, photographs: dict[str, Tens
     assert one.under(room.probe.blurred(3)).trial(AXES).log_evidence < sharp - 10
     scaled = one.under(room.probe.scaled(2)).trial(AXES).log_evidence
     assert scaled == pytest.approx(sharp, abs=1e-2)
+
+
+@pytest.mark.parametrize(("behind", "expected"), [(0.0, 0.5), (2.0, 0.119), (50.0, 0.0)])
+def test_a_rival_summit_leaves_more_open(behind: float, expected: float) -> None:
+    """A top two degrees off, as probable as its evidence."""
+
+    def summit(rotation: Tensor, log_evidence: float) -> Summit:
+        return Summit(SimpleNamespace(rotation=rotation), AXES / radians(0.1) ** 2, log_evidence, True)
+
+    best = summit(AXES, 7.0)
+    found = best_of([summit(turned(AXES[0], 2), 7.0 - behind), best])
+    covariance = torch.linalg.inv(found.precision)
+    expected = AXES * radians(0.1) ** 2 + expected * torch.diag(AXES[0]) * radians(2) ** 2
+    assert found.trial is (best.trial if behind else found.trial)
+    torch.testing.assert_close(covariance, expected, rtol=1e-2, atol=1e-9)

@@ -6,9 +6,10 @@ for many degrees around it, because a wrong light looks like a rougher material.
 change of the image as the light turns counts where no weights can imitate it.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from math import log, radians
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import exp, log, radians
+from operator import attrgetter
 from typing import Generic, TypeVar
 
 import torch
@@ -69,6 +70,17 @@ class Summit:
     precision: Tensor
     log_evidence: float
     converged: bool
+
+
+def best_of(summits: Sequence[Summit]) -> Summit:
+    """The summit of the highest evidence, with what the others leave open: each a place as probable as its evidence."""
+    best = max(summits, key=attrgetter("log_evidence"))
+    covariance = torch.linalg.inv(best.precision)
+    for other in summits:
+        away = rotation_vector(other.trial.rotation @ best.trial.rotation.T)
+        odds = exp(other.log_evidence - best.log_evidence)
+        covariance = covariance + odds / (1 + odds) * torch.outer(away, away)
+    return replace(best, precision=torch.linalg.inv(covariance))
 
 
 class RotationSearch:

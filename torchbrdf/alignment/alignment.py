@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import degrees, log, pi, radians
-from operator import attrgetter
 from typing import get_args
 
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import RotationSearch, Summit, Trial
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
@@ -251,7 +250,7 @@ def _turn_costs(search: Range) -> float:
 def _starts(task: RotationSearch, believed: Trial, search: Range) -> list[Trial]:
     if search == "full":
         return _turned_about_vertical(task, believed)
-    return [_by_few(task, believed) if dominated(task.light.probe) else believed]
+    return [believed, *_by_few(task, believed)] if dominated(task.light.probe) else [believed]
 
 
 def dominated(probe: LightProbe) -> bool:
@@ -264,18 +263,19 @@ def dominated(probe: LightProbe) -> bool:
     return bool(power[of_lamps].sum() > _DOMINANT * power.sum())
 
 
-def _by_few(task: RotationSearch, believed: Trial) -> Trial:
-    """Where few materials under less light end, without the sharpest that make side peaks; or where it is better."""
+def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
+    """Where few materials under less light end, whose hill has fewer side peaks; none where it is worse."""
     coarse = _with_few(task, believed)
     top = coarse.climb(coarse.trial(believed.rotation)).trial
     task.evaluations += coarse.evaluations
-    return max(task.trial(top.rotation), believed, key=attrgetter("log_evidence"))
+    found = task.trial(top.rotation)
+    return [found] if found.log_evidence > believed.log_evidence else []
 
 
 def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
     """The best summit, as `_weighed`."""
-    climbed = (task.climb(one) for one in _starts(task, believed, search))
-    return _weighed(max(climbed, key=attrgetter("log_evidence")), believed, search)
+    climbed = [task.climb(one) for one in _starts(task, believed, search)]
+    return _weighed(best_of(climbed), believed, search)
 
 
 def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:

@@ -64,7 +64,7 @@ class LampRadiance:
 
     lamps     of the probe as it was given
     factors   (3,) float64: what their radiance is multiplied by; 1 where they are not clearly clipped
-    std       (3,) float64: standard deviations of the natural logarithms
+    std       (3,) float64: standard deviations of the natural logarithms, larger where the prior of colours tells most
     log_odds  natural logarithm of the odds that they are clipped rather than as bright as recorded; infinite where they
               were infinite
     """
@@ -175,7 +175,7 @@ class LampSearch:
 
     def climb(self, log_factors: Tensor) -> tuple[_Lighting, Tensor]:
         """The top of the posterior near some factors, and minus its second derivatives (3, 3) there."""
-        prior = self._prior()
+        prior = self.prior
 
         def log_posterior(one: _Lighting) -> float:
             return one.log_evidence - 0.5 * float(one.log_factors @ prior @ one.log_factors)
@@ -197,7 +197,8 @@ class LampSearch:
             best, shorter = new, min(1.0, 2 * shorter)
         return best, self._slope(best)[1] + prior
 
-    def _prior(self) -> Tensor:
+    @cached_property
+    def prior(self) -> Tensor:
         """(3, 3): of deviations of the channels from their mean; a channel without lamps stays as it is."""
         mean = torch.outer(self.channels, self.channels) / self.channels.sum()
         return (torch.diag(self.channels) - mean) / COLOUR**2 + torch.diag(1 - self.channels)
@@ -294,7 +295,8 @@ def _radiance_at(task: RotationSearch, rotation: Tensor, guess: LampRadiance) ->
     top, precision = search.climb(guess.factors.log())
     count = int(search.channels.sum())
     precision = precision + torch.outer(search.channels, search.channels) * 12 / (count * search.largest) ** 2  # even
-    std = torch.linalg.inv(precision).diagonal().sqrt() * search.channels
+    by_prior = search.prior.diagonal() / precision.diagonal()  # of a channel that the material hardly reflects
+    std = (torch.linalg.inv(precision).diagonal() + by_prior * COLOUR**2).sqrt() * search.channels
     if guess.lamps.unknown:
         return LampRadiance(guess.lamps, top.log_factors.exp(), std, inf), top.log_evidence
     away = top.log_factors * search.channels
