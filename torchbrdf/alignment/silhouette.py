@@ -26,7 +26,7 @@ MOVED = 3.0
 is not weighed against all others."""
 
 _PREFERRED = 1.0
-"""Log evidence by which another silhouette is better for `covariance` to tell of it."""
+"""Log density by which another silhouette is better, whatever a turn could explain, for `covariance` to tell of it."""
 
 _LEAST_TOO_SURE, _MOST_TOO_SURE = (float(each) for each in (TOO_SURE.min() ** 2, TOO_SURE.max() ** 2))
 """What differences of evidence are divided by."""
@@ -183,7 +183,7 @@ def find(
         trial = alone.sight.trial if chosen is alone.sight else search.moved(kept, chosen.shift).trial
         summit = Summit(together.sight.trial, turned, trial.log_evidence + gained, together.converged)
         return Joint(trial, summit, chosen.shift, told, log_gain)
-    if log_gain >= _PREFERRED:
+    if surely >= _PREFERRED:
         told = told + torch.outer(away, away)
     summit = Summit(still.trial, turned, still.log_evidence, still.converged and together.converged)
     return Joint(believed, summit, None, told, log_gain)
