@@ -18,9 +18,9 @@ EXPECTED = 0.03
 """Standard deviation, in radii, of how far a silhouette is moved to each side, and its radius grown, before the
 photograph is seen."""
 
-TOO_SURE = 16.0
-"""What the evidence of silhouettes is divided by once more: the rims of materials that no library holds pass for those
-of larger or smaller balls, by four standard deviations."""
+TOO_SURE = torch.tensor([2.0, 2.0, 4.0], dtype=torch.float64)
+"""Standard deviations of evidence, for x, y and radius, by which it is off: the rims of materials that no library holds
+pass for those of larger or smaller balls."""
 
 UNKNOWN = 0.25
 """Standard deviation of the radiance beside the ball from any that a material explains, in parts of the ball's; at most
@@ -74,8 +74,7 @@ class SilhouetteSearch:
     rotations  evidence of rotations, of the pixels that the silhouette can move
     moving     what the photograph shows
     edge       the shift (3,) to the outline that is seen, and its standard deviations (3,); None for any that is near
-    Evidence is not divided by TOO_SURE here, where it is that of rotations, too: what tells of shifts only is
-    multiplied.
+    Evidence is not made less sure here, where it is that of rotations, too: the edge is made surer, as TOO_SURE says.
     The pixels of the view are the same for all silhouettes, but not those of the photograph: a smaller one would win
     by leaving out the rim, which is hard to explain. So what lies outside is explained, too, as UNKNOWN radiance. The
     evidence of a pixel counts as often as pixels of the photograph lie inside, and what is left for those outside.
@@ -87,7 +86,7 @@ class SilhouetteSearch:
         """Nothing is computed yet."""
         self.rotations, self.moving, self.edge = rotations, moving, edge
         none = torch.zeros(3, dtype=torch.float64)
-        self._expected, self._sigma = (none, none + EXPECTED) if edge is None else (edge[0], edge[1] / TOO_SURE**0.5)
+        self._expected, self._sigma = (none, none + EXPECTED) if edge is None else (edge[0], edge[1] / TOO_SURE)
         rim = _rim(rotations.light.view.mask)
         self._rim = rim[moving.used]
         self._seen_rim = float(moving.used[rim].double().mean())

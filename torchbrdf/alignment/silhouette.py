@@ -26,7 +26,10 @@ MOVED = 3.0
 is not weighed against all others."""
 
 _PREFERRED = 1.0
-"""Log evidence by which another silhouette is better for `covariance` to tell of it."""
+"""Log density by which another silhouette is better, whatever a turn could explain, for `covariance` to tell of it."""
+
+_LEAST_TOO_SURE, _MOST_TOO_SURE = (float(each) for each in (TOO_SURE.min() ** 2, TOO_SURE.max() ** 2))
+"""What differences of evidence are divided by."""
 
 _DECIDED = 10.0
 """Log odds above which a silhouette is moved whatever a turn alone could explain."""
@@ -159,25 +162,28 @@ def find(
     together = max((search.climb(one.sight, True) for one in begun), key=attrgetter("log_evidence"))
     costs = CLEAR + turn_costs
     told, turned = _left_open(together)
+    away = together.sight.shift
+    surely = 0.5 * float(away @ torch.linalg.solve(told, away))
     any_shift = alone.log_evidence - alone.height
     best_moved = max(alone.log_evidence, together.log_evidence - costs) - any_shift
     at_guess = search.log_prior(none)
-    log_gain = min((best_moved - kept.log_evidence - at_guess) / TOO_SURE, _moved_rather_than_not(together))
+    log_gain = min(
+        (best_moved - kept.log_evidence - at_guess) / _LEAST_TOO_SURE, surely, _moved_rather_than_not(away, told)
+    )
     still = None
     if search.edge is not None and log_gain <= MOVED:  # the guess lies where the outline is seen
         still = _at_the_guess(search, together, turned)
     elif log_gain < _DECIDED:
         still = max((rotations.climb(start) for start in starts), key=attrgetter("log_evidence"))
         otherwise = max(kept.log_evidence, still.log_evidence - costs) + at_guess
-        log_gain = (best_moved - otherwise) / TOO_SURE
+        log_gain = min((best_moved - otherwise) / _LEAST_TOO_SURE, surely)
     if still is None or log_gain > MOVED:
         gained = together.log_evidence - alone.log_evidence
         chosen = together.sight if gained > costs else alone.sight
         trial = alone.sight.trial if chosen is alone.sight else search.moved(kept, chosen.shift).trial
         summit = Summit(together.sight.trial, turned, trial.log_evidence + gained, together.converged)
         return Joint(trial, summit, chosen.shift, told, log_gain)
-    away = together.sight.shift
-    if together.height - kept.log_evidence - at_guess >= _PREFERRED * TOO_SURE:
+    if surely >= _PREFERRED:
         told = told + torch.outer(away, away)
     summit = Summit(still.trial, turned, still.log_evidence, still.converged and together.converged)
     return Joint(believed, summit, None, told, log_gain)
@@ -195,7 +201,7 @@ def _alone(
         search = SilhouetteSearch(rotations, moving, moving.edge)
         kept = search.of(believed, none)
         alone = search.climb_alone(kept)
-        if kept.log_evidence - alone.sight.log_evidence < MOVED * TOO_SURE:
+        if kept.log_evidence - alone.sight.log_evidence < MOVED * _MOST_TOO_SURE:
             return search, kept, alone
     search = SilhouetteSearch(rotations, moving)
     kept = search.of(believed, none)
@@ -212,14 +218,13 @@ def _at_the_guess(search: SilhouetteSearch, together: SightSummit, turned: Tenso
 def _left_open(together: SightSummit) -> tuple[Tensor, Tensor]:
     """The covariance (3, 3) of shifts, of which evidence is too sure, and the precision (3, 3) of turns with those."""
     covariance = torch.linalg.inv(together.precision)
-    shifts, mixed = covariance[3:, 3:], covariance[:3, 3:]
-    imitated = mixed @ torch.linalg.solve(shifts, mixed.T)
-    return TOO_SURE * shifts, torch.linalg.inv(covariance[:3, :3] + (TOO_SURE - 1) * imitated)
+    shifts = covariance[3:, 3:]
+    told = shifts * torch.outer(TOO_SURE, TOO_SURE)
+    imitated = torch.linalg.solve(shifts, covariance[3:, :3])
+    return told, torch.linalg.inv(covariance[:3, :3] + imitated.T @ (told - shifts) @ imitated)
 
 
-def _moved_rather_than_not(together: SightSummit) -> float:
+def _moved_rather_than_not(shift: Tensor, covariance: Tensor) -> float:
     """Log odds of a silhouette moved by anything against none, with any rotation [Savage-Dickey]."""
-    covariance, _ = _left_open(together)
-    shift = together.sight.shift
     there = -0.5 * float(shift @ torch.linalg.solve(covariance, shift) + torch.logdet(covariance))
     return -3 * log(EXPECTED) - there
