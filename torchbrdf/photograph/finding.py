@@ -97,7 +97,8 @@ class FoundBall:
         inside = 1 - self.outside
         enough = any(self.rim >= rim * inside and self.score >= score * inside for rim, score in _SURE)
         unit = self.circle.radius / FITTED_RADIUS
-        return enough and max(self.std) <= _MOST_STD * unit and self.doubt <= _MOST_DOUBT * unit
+        agreed = self.doubt <= _MOST_DOUBT * unit or not self.round  # on no circle can models of one agree
+        return enough and max(self.std) <= _MOST_STD * unit and agreed
 
 
 def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tensor | None = None) -> list[FoundBall]:
