@@ -41,7 +41,7 @@ _DEEP, _NEARLY_AS_GOOD = 0.8, 0.5
 """Ratios of radii and of scores: a circle that lies in another is seen in it, and is not before it."""
 
 _LEAST_RIM = 0.3
-_SURE: tuple[tuple[float, float], ...] = ((0.36, 0.7), (0.5, 0.5))
+_SURE: tuple[tuple[float, float], ...] = ((0.45, 0.7), (0.5, 0.5))
 """Shares of the rim and scores of which one or the other is enough."""
 
 _MOST_STD, _MOST_ELLIPSE, _MOST_DOUBT = 0.5, 0.35, 0.35
