@@ -83,6 +83,20 @@ def test_a_crop_to_the_ball_is_its_inscribed_circle(image):
     assert locate(image) == (Circle(32, 32, 32), "as large as the photograph")
 
 
+@pytest.mark.parametrize("around", [0.0, 1.5])
+def test_a_crop_with_empty_corners_is_one(around):
+    image, seen = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)), Circle(32, 32, 32).holds(64, 64)
+    assert locate(torch.where(seen, image, around))[1] == "as large as the photograph"
+
+
+def test_a_square_photograph_that_shows_no_ball_is_said_to_be_none_for_certain():
+    image = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)) + 1
+    with pytest.warns(
+        UserWarning, match=r"^the ball is taken to fill .* neither is a rim seen .*, give its place, --circle X"
+    ):
+        locate(image)
+
+
 def test_what_was_recorded_may_be_such_a_crop():
     image = torch.full((3, 150, 200), torch.nan)
     image[:, 50:114, 90:154] = photographed((64, 64), [Circle(32, 32, 32)])

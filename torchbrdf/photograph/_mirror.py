@@ -54,6 +54,9 @@ _BLURS = 0.45, 0.6, 0.8, 1.05, 1.4
 _LIKELIHOOD = 0.1
 """Weight of a model's likelihood beside the score that its votes reach."""
 
+_ALIKE = 0.5
+"""A ray's share of such goodness by which models are about as good as the best."""
+
 _LEAST = 1e-12
 _FINE = 5
 """Steps between samples when what a lens shows is integrated."""
@@ -62,6 +65,7 @@ _FINE = 5
 def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> Outline:
     """An outline where edges and what goes on across it agree best; as it is where edges alone place it well.
 
+    It tells how far from there edges alone, and other models that are about as good, place it.
     wanted  pixels of the radius at the pyramid's level, about
     """
     pixels = outline.place[2] / 2 ** pyramid.level(outline.place[2], wanted)
@@ -72,7 +76,7 @@ def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> 
     if not len(rays.angles):
         return outline
     offsets, basis = np.linspace(-reach, reach, _OFFSETS), rays.harmonics()
-    best, most = outline, -np.inf
+    trials = []
     for blur in _BLURS:
         edges = rays.votes(offsets, blur)
         for reflectance in _REFLECTANCES:
@@ -80,9 +84,11 @@ def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> 
             votes = edges + _votes(likely)
             shift, score = climb(votes, basis, offsets, guess(votes, basis, offsets))
             good = score + _LIKELIHOOD * float(along(likely, basis @ shift, offsets).sum())
-            if good > most:
-                best, most = Outline(outline.place, rays, offsets, votes, shift, n), good
-    return best
+            trials.append((good, votes, shift))
+    most, votes, best = max(trials, key=lambda trial: trial[0])
+    others = [np.zeros(3), *(shift for good, _, shift in trials if good > most - _ALIKE * n)]
+    doubt = max(float(np.abs(other - best).max()) for other in others)
+    return Outline(outline.place, rays, offsets, votes, best, n, doubt)
 
 
 def _votes(likely: np.ndarray) -> np.ndarray:

@@ -66,6 +66,7 @@ class Outline:
     votes    (A, R) of the rays at offsets (R,) from the circle before, in radii
     shift    how the circle moved from there: x, y and radius, in radii
     n        rays all around, whether seen or not
+    doubt    by how much models disagree on x, y or radius, in radii
     """
 
     before: Place
@@ -74,6 +75,7 @@ class Outline:
     votes: np.ndarray
     shift: np.ndarray
     n: int
+    doubt: float = 0.0
 
     @classmethod
     def near(

@@ -42,10 +42,10 @@ _DEEP, _NEARLY_AS_GOOD = 0.8, 0.5
 """Ratios of radii and of scores: a circle that lies in another is seen in it, and is not before it."""
 
 _LEAST_RIM = 0.3
-_SURE: tuple[tuple[float, float], ...] = ((0.36, 0.7), (0.5, 0.5))
+_SURE: tuple[tuple[float, float], ...] = ((0.45, 0.7), (0.5, 0.5))
 """Shares of the rim and scores of which one or the other is enough."""
 
-_MOST_STD, _MOST_ELLIPSE = 0.5, 0.35
+_MOST_STD, _MOST_ELLIPSE, _MOST_DOUBT = 0.5, 0.35, 0.35
 """In pixels of FITTED_RADIUS."""
 
 _CERTAIN = 2.5
@@ -68,6 +68,7 @@ class FoundBall:
     score       by how much likelier than elsewhere its rim is there: the mean of a logarithm
     edge        (n, 2): what is seen as its outline, in pixels, an ellipse that need be no ball's
     flattened   by how much that leaves a ball's, in pixels, and the standard deviation
+    doubt       by how much models of what is seen at its rim disagree on x, y or radius, in pixels
     """
 
     silhouette: Circle | Ball
@@ -77,6 +78,7 @@ class FoundBall:
     score: float
     edge: Tensor
     flattened: tuple[float, float]
+    doubt: float
 
     def __str__(self) -> str:
         """For people."""
@@ -98,7 +100,9 @@ class FoundBall:
         """Whether enough of the rim is seen, and agrees."""
         inside = 1 - self.outside
         enough = any(self.rim >= rim * inside and self.score >= score * inside for rim, score in _SURE)
-        return enough and max(self.std) <= _MOST_STD * self.circle.radius / FITTED_RADIUS
+        unit = self.circle.radius / FITTED_RADIUS
+        agreed = self.doubt <= _MOST_DOUBT * unit or not self.round  # on no circle can models of one agree
+        return enough and max(self.std) <= _MOST_STD * unit and agreed
 
 
 def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tensor | None = None) -> list[FoundBall]:
@@ -108,8 +112,8 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
     camera  of the whole photograph; None where it is not known: outlines are circles
     usable  (1, H, W)  bool, True = use; None uses all that is finite
     Edges vote for circles in a plane where outlines are circles. Each is fitted to edges across its rim, coarsely and
-    then finely; of those that overlap the best is kept. Background, reflections, stands and shadows weaken an outline
-    and do not move it. Not all are `sure`.
+    then finely; of those that overlap the best is kept, and settled by what goes on across it where edges say little.
+    Background, reflections, stands and shadows weaken an outline and do not move it. Not all are `sure`.
     """
     pyramid, chart = Pyramid.of(image, usable), chart_of(camera)
     floor = _floor(pyramid)
@@ -194,6 +198,7 @@ def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall:
         outline.score,
         edge,
         (radius * ellipse.amplitude, radius * ellipse.std),
+        radius * outline.doubt,
     )
 
 
