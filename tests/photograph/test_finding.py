@@ -89,6 +89,13 @@ def test_no_ball_is_none(image):
     assert not [one for one in find_balls(image) if one.sure]
 
 
+def test_a_ball_before_nothing():
+    image = torch.where(BALL.holds(*SIZE), photographed(SIZE, [BALL]), 0)
+    (found,) = find_balls(image)
+    assert found.sure
+    assert off(found.silhouette, BALL) < 0.15
+
+
 def test_a_photograph_too_small_for_a_ball_has_none():
     assert find_balls(torch.rand(3, 8, 9)) == []
 

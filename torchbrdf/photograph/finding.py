@@ -130,15 +130,17 @@ def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None)
     """The ball of which a first guess is known, by its outline alone; None where that is not seen for certain.
 
     guess  within about a tenth of the radius; a ball before the photograph's camera
-    See `find_balls`.
+    See `find_balls`. What is black to the last bit may be cut out by a mask, whose border is none of the ball's.
     """
+    shown = (image != 0).any(0, keepdim=True)
+    usable = shown if usable is None else usable & shown
     chart = chart_of(guess.camera if isinstance(guess, Ball) else None)
     place = chart.circle(guess)
     height, width = image.shape[-2:]
     x, y, radius = guess.circle
     left, top = (max(int(middle - _AROUND * radius), 0) for middle in (x, y))
     around = slice(top, int(y + _AROUND * radius) + 1), slice(left, int(x + _AROUND * radius) + 1)
-    pyramid = Pyramid.of(image.detach()[:, *around], None if usable is None else usable[:, *around], (left, top))
+    pyramid = Pyramid.of(image.detach()[:, *around], usable[:, *around], (left, top))
     floor = _floor(pyramid)
     if floor is None:
         return None
@@ -152,11 +154,10 @@ def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None)
 
 
 def _floor(pyramid: Pyramid) -> float | None:
-    """Radiance by which differences are noise; None where there is nothing to see."""
+    """Radiance by which differences are noise, whatever is black; None where there is nothing to see."""
     coarsest = pyramid.levels[-1]
-    known = coarsest[np.isfinite(coarsest).all(-1)]
-    floor = _FLOOR * float(np.median(known)) if known.size else 0.0
-    return floor if 0 < floor < np.inf else None
+    lit = coarsest[np.isfinite(coarsest) & (coarsest > 0)]
+    return _FLOOR * float(np.median(lit)) if lit.size else None
 
 
 def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
