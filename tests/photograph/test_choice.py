@@ -78,6 +78,12 @@ def test_an_ellipse_without_a_camera_or_with_another():
     assert off(locate(image, PinholeCamera.of_fov(SIZE, 45))[0], ball) < 0.15
 
 
+def test_a_round_outline_far_off_the_axis_is_not_by_a_wide_camera():
+    image = photographed(SIZE, [Circle(60.0, 50.0, 40.0)])
+    with pytest.raises(ValueError, match=r"seen best, circle .* no sphere's in a camera of 90 degrees across: "):
+        locate(image, PinholeCamera.of_fov(SIZE, 90))
+
+
 @pytest.mark.parametrize("image", [torch.ones(3, 64, 64), photographed((64, 64), [Circle(32, 32, 32)])])
 def test_a_crop_to_the_ball_is_its_inscribed_circle(image):
     assert locate(image) == (Circle(32, 32, 32), "as large as the photograph")
