@@ -18,10 +18,10 @@ _LIKE_SIZE = 0.9
 
 _MOST_OUTSIDE = 1 / 3
 _CLEAR_RIM, _CLEAR_SCORE = 0.55, 1.0
-_WEAK, _STRONGER = 2.0, 1.3
-"""Score below which an outline before a camera is compared with circles, and how many times as likely those are that it
-is not by this camera: right ones score 0.9 to 1.3 times as much as their circles on the design captures, those before a
-camera of 60 degrees for one of 24 a half."""
+_WEAK, _STRONGER, _MOST_SEEN = 2.0, 1.3, 0.65
+"""Score below which an outline before a camera is compared with circles; ratio of scores and share of the rim from which
+a circle is none by this camera. On the design captures circles score 0.6 to 1.2 times as much as what is right, and 1.3
+to 4 times as much as what is found for a camera of 60 or 90 degrees that has 24."""
 _FOVS = torch.linspace(4, 140, 273).tolist()
 _WELL = 0.5
 """Of the deviation from a ball that may be left where another field of view explains it."""
@@ -130,7 +130,11 @@ def _check_camera(score: float, image: Tensor, camera: PinholeCamera, usable: Te
     """Raise where a circle is seen much better than what a ball is before the camera."""
     if score >= _WEAK:
         return
-    circles = [ball for ball in find_balls(image, None, usable) if ball.sure and ball.score > _STRONGER * score]
+    circles = [
+        ball
+        for ball in find_balls(image, None, usable)
+        if ball.sure and ball.score > _STRONGER * score and ball.rim >= _MOST_SEEN * (1 - ball.outside)
+    ]
     if circles:
         fov = fitting_fov(circles[0].edge, camera)
         better = "" if fov is None else f" (about --fov {fov:.0f} would suit it)"
