@@ -19,9 +19,9 @@ _LIKE_SIZE = 0.9
 _MOST_OUTSIDE = 1 / 3
 _CLEAR_RIM, _CLEAR_SCORE = 0.55, 1.0
 _WEAK, _STRONGER, _MOST_SEEN = 2.0, 1.3, 0.65
-"""Score below which an outline before a camera is compared with circles; ratio of scores and share of the rim from which
-a circle is none by this camera. On the design captures circles score 0.6 to 1.2 times as much as what is right, and 1.3
-to 4 times as much as what is found for a camera of 60 or 90 degrees that has 24."""
+"""Score below which an outline before a camera is compared with circles; ratio of scores, and share of the rim, from
+which a circle is none by this camera. On the design captures circles score 0.6 to 1.2 times as much as what is right,
+and 1.3 to 4 times as much as what is found for a camera of 60 or 90 degrees that has 24."""
 _FOVS = torch.linspace(4, 140, 273).tolist()
 _WELL = 0.5
 """Of the deviation from a ball that may be left where another field of view explains it."""
