@@ -20,9 +20,9 @@ def sky(texels: int) -> Tensor:
     return radiance
 
 
-def found(probe: LightProbe, std: float) -> SimpleNamespace:
+def found(probe: LightProbe, std: float, log_odds: float = math.inf) -> SimpleNamespace:
     ones = torch.ones(3, dtype=torch.float64)
-    return SimpleNamespace(lamp=LampRadiance(probe.lamps, ones, std * ones, math.inf))
+    return SimpleNamespace(lamp=LampRadiance(probe.lamps, ones, std * ones, log_odds))
 
 
 def test_a_plateau_is_warned_of_without_alignment() -> None:
@@ -44,8 +44,20 @@ def test_what_the_photograph_cannot_tell() -> None:
         warn_of_lamps(probe, found(probe, 2.0))
 
 
-def test_nothing_is_said_of_what_is_told() -> None:
+def test_what_the_photograph_tells_is_said_to_be_no_measurement() -> None:
+    probe = LightProbe(sky(5))
+    with pytest.warns(UserWarning, match=r"5 texels of 30 .* which the photograph tells, to 10%, and the BRDF is off"):
+        warn_of_lamps(probe, found(probe, 0.1))
+
+
+def test_a_few_texels_that_are_clipped_and_cannot_be_told() -> None:
+    probe = LightProbe(sky(2))
+    with pytest.warns(UserWarning, match="this photograph cannot tell their radiance for sure"):
+        warn_of_lamps(probe, found(probe, 2.0))
+
+
+def test_nothing_is_said_of_a_lamp_that_is_as_it_was_recorded() -> None:
     probe = LightProbe(sky(5))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warn_of_lamps(probe, found(probe, 0.1))
+        warn_of_lamps(probe, found(probe, 0.1, -1.0))

@@ -54,12 +54,21 @@ def seen_anew(sight: Sight, found: Alignment) -> Sight:
 
 
 def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
-    """Say that lamps of the probe are clipped where nothing looks for their radiance, or where it cannot be told."""
+    """Say that lamps of the probe are clipped where nothing looks for their radiance, or how well it is told."""
     if found is None:
         if probe.lamps is not None and probe.lamps.certain:
             message = f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance"
             warnings.warn(message, UserWarning, stacklevel=2)
-    elif found.lamp is not None and found.lamp.lamps.certain and not found.lamp.confident:
+    elif found.lamp is None:
+        return
+    elif found.lamp.clipped and found.lamp.confident:
+        worst = float(found.lamp.std.max())
+        message = (
+            f"{probe.name}: {found.lamp.lamps.about}: their radiance is that which the photograph tells, to {worst:.0%}, "
+            "and the BRDF is off where it is; a shorter exposure of the probe shows it"
+        )
+        warnings.warn(message, UserWarning, stacklevel=2)
+    elif not found.lamp.confident and (found.lamp.clipped or found.lamp.lamps.certain):
         message = (
             f"{probe.name}: {found.lamp.lamps.about}: this photograph cannot tell their radiance for sure, and a lamp "
             "that is off spoils what it lights; take a shorter exposure of the probe, or photograph a side that they "
