@@ -64,8 +64,8 @@ def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
     elif found.lamp.clipped and found.lamp.confident:
         worst = float(found.lamp.std.max())
         message = (
-            f"{probe.name}: {found.lamp.lamps.about}: their radiance is that which the photograph tells, to {worst:.0%}, "
-            "and the BRDF is off where it is; a shorter exposure of the probe shows it"
+            f"{probe.name}: {found.lamp.lamps.about}: their radiance is that which the photograph tells, to "
+            f"{worst:.0%}, and the BRDF is off where it is; a shorter exposure of the probe shows it"
         )
         warnings.warn(message, UserWarning, stacklevel=2)
     elif not found.lamp.confident and (found.lamp.clipped or found.lamp.lamps.certain):
