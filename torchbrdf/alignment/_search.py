@@ -16,7 +16,14 @@ import torch
 from torch import Tensor
 
 from torchbrdf.estimation import ImageSpace, residual_scale
-from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances, redundancy
+from torchbrdf.estimation.priors import (
+    Explanation,
+    PriorBank,
+    farthest_points,
+    image_angles,
+    prior_variances,
+    redundancy,
+)
 from torchbrdf.light import LightProbe, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import HarmonicBasis
@@ -31,6 +38,10 @@ _SMALLEST_STEP = radians(0.01)
 MOST_STEPS = 12
 _FIRST_DAMPING = 0.5
 _MOST_DAMPING = 100.0
+
+_COARSE_COLUMNS = 24
+_COARSE_LINES = 288
+"""Basis BRDFs that look different, whose materials a coarse search compares, and lines of its light."""
 
 Place = TypeVar("Place")
 """Where a climb may stand."""
@@ -70,6 +81,13 @@ class Summit:
     precision: Tensor
     log_evidence: float
     converged: bool
+
+
+def with_few_materials(light: HarmonicBasis, believed: Trial) -> HarmonicBasis:
+    """The same light, less fine, and materials of the library that look different under what is believed of it."""
+    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
+    library = light.library.subset(sorted({light.library.names[column // 3] for column in distinct}))
+    return HarmonicBasis(library, light.probe, light.view, lines=_COARSE_LINES)
 
 
 def best_of(summits: Sequence[Summit]) -> Summit:

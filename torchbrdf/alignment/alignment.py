@@ -13,7 +13,7 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of, with_few_materials
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
@@ -21,7 +21,6 @@ from torchbrdf.alignment.silhouette import CLEAR, FoundSilhouette, find, guessed
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
-from torchbrdf.estimation.priors import farthest_points, image_angles
 from torchbrdf.images import luminance
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
@@ -47,10 +46,6 @@ _TURNS = 24
 _FOLLOWED = 2
 _RIVAL = 10.0
 """How many of them are climbed from, and by how much log evidence one may be behind the best."""
-
-_COARSE_COLUMNS = 24
-_COARSE_LINES = 288
-"""Basis BRDFs that look different, whose materials they are compared with, and lines of the light."""
 
 _LAMPS_SIZE, _DOMINANT = 0.001, 0.2
 """Shares of the sphere and of the light: lamps that may make side peaks. A sun in the clear has a quarter and more."""
@@ -298,12 +293,7 @@ def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]
 
 
 def _with_few(task: RotationSearch, believed: Trial) -> RotationSearch:
-    """The same search with basis BRDFs that look different under the light that is believed, and less of it."""
-    light = task.light
-    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
-    names = sorted({light.library.names[column // 3] for column in distinct})
-    few = HarmonicBasis(light.library.subset(names), light.probe, light.view, lines=_COARSE_LINES)
-    return RotationSearch(few, task.y, task.used, EXPECTED)
+    return RotationSearch(with_few_materials(task.light, believed), task.y, task.used, EXPECTED)
 
 
 def _blurred(task: RotationSearch, best: Trial, summit: Summit, turned: bool) -> tuple[Trial, float, Summit]:

@@ -13,17 +13,9 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial
+from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, with_few_materials
 from torchbrdf.estimation import ImageSpace, residual_scale
-from torchbrdf.estimation.priors import (
-    Explanation,
-    PriorBank,
-    farthest_points,
-    image_angles,
-    prior_variances,
-    redundancy,
-    whole_variances,
-)
+from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances, redundancy, whole_variances
 from torchbrdf.light import Lamps, LightProbe
 from torchbrdf.transport.harmonic import HarmonicBasis
 
@@ -43,9 +35,7 @@ TOLD = 0.3
 """Standard deviation of the logarithm up to which a photograph tells the radiance."""
 
 _STEP = log(2)
-_COARSE_COLUMNS = 24
-_COARSE_LINES = 288
-"""Steps of the first guess; basis BRDFs that look different, whose materials it compares, and lines of its light."""
+"""Of the first guess."""
 
 _MOST_STEPS = 8
 _LONGEST_STEP = 0.7
@@ -230,10 +220,7 @@ def first_guess(task: RotationSearch, believed: Trial) -> LampRadiance | None:
     light, lamps = task.light, task.light.probe.lamps
     if lamps is None:
         return None
-    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
-    library = light.library.subset(sorted({light.library.names[column // 3] for column in distinct}))
-    few = HarmonicBasis(library, light.probe, light.view, lines=_COARSE_LINES)
-    search = LampSearch(few, believed.rotation, task.y, task.used, whole=True)
+    search = LampSearch(with_few_materials(light, believed), believed.rotation, task.y, task.used, whole=True)
     steps, evidence = search.scan()
     posterior = torch.softmax(evidence, 0)
     mean = (posterior * steps).sum()
