@@ -14,6 +14,7 @@ from torchbrdf.alignment.alignment import Alignment, align
 from torchbrdf.alignment.silhouette import MOVED, guessed
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.photograph.moving import MovingSilhouette
 from torchbrdf.photograph.observation import observe
@@ -109,6 +110,12 @@ def test_an_outline_of_something_else_is_not_followed(
     shift = torch.tensor([0.06, 0.0, 0.0], dtype=torch.float64)
     monkeypatch.setattr(MovingSilhouette, "edge", (shift, torch.full((3,), 0.002, dtype=torch.float64)))
     assert aligned(photographs["brass"], silhouette=TRUTH).silhouette is TRUTH
+
+
+def test_a_ball_in_a_view_that_is_not_in_perspective(precomputed_library: MaterialLibrary) -> None:
+    ball = Ball(PinholeCamera.of_fov((118, 122), 30), (0.0, 0.0, -1.0), 7.0)
+    with pytest.raises(ValueError, match=r"^a Ball is seen in perspective, .* give SphereView.of_ball\(32, ball\)"):
+        tb.align(torch.ones(3, 118, 122), ROOM, VIEW, precomputed_library, silhouette=ball)
 
 
 def test_a_standard_deviation_holds_what_is_off(

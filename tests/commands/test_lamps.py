@@ -1,4 +1,4 @@
-"""What `torchbrdf fit` says of lamps at which its probe may be clipped."""
+"""What `torchbrdf fit --align` says of lamps at which its probe may be clipped, and of turns that are not sure."""
 
 import math
 import warnings
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment.lamps import LampRadiance
-from torchbrdf.commands._alignment import warn_of_lamps
+from torchbrdf.commands._alignment import warn_of_lamps, warn_of_turn
 from torchbrdf.light.probe import LightProbe
 
 
@@ -61,3 +61,12 @@ def test_nothing_is_said_of_a_lamp_that_is_as_it_was_recorded() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_of_lamps(probe, found(probe, 0.1, -1.0))
+
+
+@pytest.mark.parametrize(("angle", "confident", "said"), [(8.0, False, True), (8.0, True, False), (0.0, False, False)])
+def test_a_turn_that_is_not_sure(angle: float, confident: bool, said: bool) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_turn(SimpleNamespace(angle=angle, confident=confident, uncertainty=3.4))
+    assert len(caught) == said
+    assert all(str(one.message).startswith("the light probe is turned by 8.0 degrees, +- 3.4") for one in caught)

@@ -63,6 +63,14 @@ def test_another_ball_than_a_mirror_is_a_warning(capsys, tmp_path):
     assert "grey.exr: the ball looks matte" in err
 
 
+def test_what_is_hardly_a_metal_is_a_warning(capsys, chrome, tmp_path):
+    given = ("--fov", 30, "--circle", *CIRCLE, "--rows", 16)
+    for name, warned in (("MgO", True), ("Cr", False)):
+        status, _, err = run(capsys, chrome, *given, "--metal", name, "-o", tmp_path / "probe.exr")
+        assert status == 0
+        assert ("is hardly a metal" in err) is warned
+
+
 def test_the_same_photograph_twice_is_none_from_another_side(capsys, tmp_path):
     path = tmp_path / "chrome.exr"
     write_image(path, photographed(BALL, room))
@@ -111,7 +119,7 @@ def test_a_lamp_too_bright_for_every_exposure_goes_on_to_the_alignment(capsys, t
     status, _, err = run(capsys, tmp_path / "chrome.exr", *given, "-o", tmp_path / "probe.exr")
     assert status == 0
     assert "of the sphere, are infinite: a lamp too bright for every exposure. `torchbrdf fit --align`" in err
-    with pytest.raises(ValueError, match=r"infinite texels? .* find its radiance with `torchbrdf fit --align`"):
+    with pytest.raises(ValueError, match=r"infinite texels? .* `torchbrdf fit --align` finds its radiance"):
         LightProbe.open(tmp_path / "probe.exr")
     lamps = LightProbe.open(tmp_path / "probe.exr", unknown_lamps=True).lamps
     assert lamps is not None

@@ -185,10 +185,16 @@ class TestInfinite:
         assert probe.lamps.unknown
         assert bool(torch.isfinite(probe.radiance).all())
 
+    def test_more_than_lamps_is_refused(self) -> None:
+        radiance = torch.ones(3, 32, 64)
+        radiance[:, 12:20, :20] = torch.inf
+        with pytest.raises(ValueError, match=r"^light probe is infinite in 1\d\.\d% of the sphere: that is more"):
+            LightProbe(radiance, unknown_lamps=True)
+
     def test_refused_otherwise(self) -> None:
         radiance = sky()
         radiance[:, 20, 30:32] = math.inf
-        with pytest.raises(ValueError, match=r"find its radiance with `torchbrdf fit --align` \(unknown_lamps=True"):
+        with pytest.raises(ValueError, match=r"`torchbrdf fit --align` finds its radiance, .* \(unknown_lamps=True"):
             LightProbe(radiance)
 
     @pytest.mark.parametrize("turn", [None, turn_about((0.0, 1.0, 0.0), 20.0)])

@@ -8,7 +8,7 @@ import torch
 from photographs_of_balls import off, photographed
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
-from torchbrdf.photograph import Circle, locate
+from torchbrdf.photograph import Circle, another, locate
 
 SIZE = (160, 240)
 LARGE, SMALL = Circle(80.0, 72.6, 38.4), Circle(190.0, 100.0, 25.0)
@@ -76,6 +76,11 @@ def test_an_ellipse_without_a_camera_or_with_another():
     ):
         locate(image, PinholeCamera.of_fov(SIZE, 15))
     assert off(locate(image, PinholeCamera.of_fov(SIZE, 45))[0], ball) < 0.15
+
+
+@pytest.mark.parametrize(("given", "seen"), [(LARGE, False), (Circle(100.0, 60.0, 40.0), True)])
+def test_another_ball_than_is_given(given, seen):
+    assert (another(photographed(SIZE, [LARGE]), given) is not None) is seen
 
 
 def test_a_round_outline_far_off_the_axis_is_not_by_a_wide_camera():

@@ -90,7 +90,8 @@ class FoundSilhouette:
 def guessed(image: Tensor, mask: Tensor | None, view: View, silhouette: Circle | Ball | bool) -> Circle | Ball:
     """The first guess: what is given, or the circle that a square photograph inscribes.
 
-    Raises ValueError for a photograph, mask or view that is none, or is not square where no guess is given.
+    Raises ValueError for a photograph, mask or view that is none, is not square where no guess is given, or is not by
+    a camera that sees a ball.
     """
     if not isinstance(view, SphereView):
         raise ValueError(f"a silhouette can be found of a ball: the view must be a SphereView, got {view!r}")
@@ -99,6 +100,11 @@ def guessed(image: Tensor, mask: Tensor | None, view: View, silhouette: Circle |
     height, width = image.shape[1:]
     if mask is not None and (mask.dtype != torch.bool or mask.shape != (1, height, width)):
         raise ValueError(f"mask must be bool {(1, height, width)}, got {mask.dtype} {tuple(mask.shape)}")
+    if isinstance(silhouette, Ball) and view.fov_deg is None:
+        raise ValueError(
+            f"a Ball is seen in perspective, and {view!r} is not; give SphereView.of_ball({view.size[0]}, ball), or "
+            "its Circle"
+        )
     if not isinstance(silhouette, bool):
         return silhouette
     if height != width:

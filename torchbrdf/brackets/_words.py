@@ -23,7 +23,8 @@ def describe_motions(frames: Sequence[Frame], motions: Sequence[Motion], referen
     turn = max(degrees(abs(motion.turn_rad)) for motion in moved)
     far = max(motion.pixels(size) for motion in moved)
     by = f"moved by up to {far:.1f} pixels, turned by {turn:.2f} degrees"
-    return f"{len(moved)} exposures laid over {frames[reference].path}: {by}"
+    count = f"{len(moved)} exposure{'s' * (len(moved) > 1)}"
+    return f"{count} laid over {frames[reference].path}: {by}"
 
 
 def describe_missing(frames: Sequence[Frame], radiance: Radiance) -> str:

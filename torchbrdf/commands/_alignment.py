@@ -64,8 +64,8 @@ def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
     elif found.lamp.clipped and found.lamp.confident:
         worst = float(found.lamp.std.max())
         message = (
-            f"{probe.name}: {found.lamp.lamps.about}: their radiance is that which the photograph tells, to "
-            f"{worst:.0%}, and the BRDF is off where it is; a shorter exposure of the probe shows it"
+            f"{probe.name}: {found.lamp.lamps.about}: their radiance, by one factor, is that which the photograph "
+            f"tells, to {worst:.0%}, and the BRDF is off where it is; a shorter exposure of the probe shows it"
         )
         warnings.warn(message, UserWarning, stacklevel=2)
     elif not found.lamp.confident and (found.lamp.clipped or found.lamp.lamps.certain):
@@ -73,6 +73,17 @@ def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
             f"{probe.name}: {found.lamp.lamps.about}: this photograph cannot tell their radiance for sure, and a lamp "
             "that is off spoils what it lights; take a shorter exposure of the probe, or photograph a side that they "
             "light"
+        )
+        warnings.warn(message, UserWarning, stacklevel=2)
+
+
+def warn_of_turn(found: Alignment) -> None:
+    """Say where the probe is turned by more than the photograph tells for sure."""
+    if found.angle and not found.confident:
+        message = (
+            f"the light probe is turned by {found.angle:.1f} degrees, +- {found.uncertainty:.1f} about the least "
+            "certain axis, more than this photograph can tell for sure; --search full looks all around the vertical "
+            "axis, too"
         )
         warnings.warn(message, UserWarning, stacklevel=2)
 

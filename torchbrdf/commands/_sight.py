@@ -11,6 +11,7 @@ from torchbrdf.photograph import (
     Circle,
     Observation,
     Photograph,
+    another,
     find_ball,
     find_circle,
     locate,
@@ -102,7 +103,21 @@ def _ball(
 def find_silhouette(
     options: argparse.Namespace, photograph: Photograph, camera: PinholeCamera | None
 ) -> tuple[Circle | Ball, str]:
-    """Where the ball is, by `options.circle`, `.mask`, `.ball` and `.photo`, and how that was found."""
+    """Where the ball is, by `options.circle`, `.mask`, `.ball` and `.photo`, and how that was found.
+
+    Warns where a ball is seen there that is not as a circle or mask gives it.
+    """
+    silhouette, origin = _located(options, photograph, camera)
+    given = "--circle" if options.circle is not None else "the mask" if photograph.mask is not None else None
+    if given and (seen := another(photograph.image, silhouette)) is not None:
+        message = f"{options.photo}: {seen} is seen, and {silhouette} is given by {given}, which is taken; is it right?"
+        warnings.warn(message, UserWarning, stacklevel=2)
+    return silhouette, origin
+
+
+def _located(
+    options: argparse.Namespace, photograph: Photograph, camera: PinholeCamera | None
+) -> tuple[Circle | Ball, str]:
     if options.circle is not None:
         if options.ball is not None:
             raise ValueError(

@@ -17,6 +17,9 @@ _MUCH_SPHERE, _MUCH_LIGHT = 0.1, 0.05
 _MUCH_WHITE = 0.002
 """Share of a ball's pixels at the largest value, above which the command warns."""
 
+_LEAST_METAL = 0.25
+"""Reflectance at normal incidence below which the command warns: chromium has 0.55, magnesia 0.07."""
+
 _ANOTHER_SIDE = 20.0
 """Degrees between two cameras, below which the second shows little more than the first."""
 
@@ -63,7 +66,8 @@ def run(options: argparse.Namespace) -> int:
 
     check_options(options)
     reflectance, reflects = _reflectance(options)
-    photographs, sights = zip(*(_photograph(options, index) for index in range(len(options.photos))), strict=True)
+    read = (_photograph(options, index, reflectance) for index in range(len(options.photos)))
+    photographs, sights = zip(*read, strict=True)
     found = unwrapped(photographs, reflectance, options.rows, beside=not options.no_surroundings)
     title = " and ".join(path.name for path in options.photos)
     probe = LightProbe(found.radiance, unknown_lamps=True, name=f"light of {title}")
@@ -96,17 +100,25 @@ def check_options(options: argparse.Namespace) -> None:
 
 def _reflectance(options: argparse.Namespace) -> "tuple[list[float] | Metal, str]":
     """What the ball reflects, and in words."""
+    import warnings
+
+    import torch
+
     from torchbrdf.light import checked_reflectance
     from torchbrdf.light.mirror import Metal
 
     if options.metal is not None:
         metal = Metal.open(options.metal)
+        if float(metal.reflectance(torch.zeros(())).max()) < _LEAST_METAL:
+            warnings.warn(f"--metal {metal}: is hardly a metal; is the ball of it?", UserWarning, stacklevel=2)
         return metal, f"the ball is of {metal}"
     factors = checked_reflectance(options.mirror_reflectance or 1.0)
     return factors, f"the ball reflects {' '.join(f'{factor:g}' for factor in factors)} of the light"
 
 
-def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotograph, str]":
+def _photograph(
+    options: argparse.Namespace, index: int, reflectance: "list[float] | Metal"
+) -> "tuple[MirrorPhotograph, str]":
     """One of them with its ball, and how that was found."""
     import warnings
 
@@ -136,7 +148,7 @@ def _photograph(options: argparse.Namespace, index: int) -> "tuple[MirrorPhotogr
         marked = None if photograph.mask is None else photograph.mask[0]  # NaN pixels count: they are told
         recorded = MirrorPhotograph(photograph.image, ball, marked)
         found = recorded.with_lamps_lost()
-    for doubt in _doubts_of(recorded, found, _reflectance(options)[0]):
+    for doubt in _doubts_of(recorded, found, reflectance):
         warnings.warn(f"{path}: {doubt}", UserWarning, stacklevel=2)
     read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
     return found, f"{path}{read}: {ball}, {origin}, {ball.beside}, {told}"

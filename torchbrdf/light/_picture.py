@@ -65,7 +65,7 @@ class LightPicture:
 
     def _sound(self, image: Tensor, weights: Tensor, repair: bool) -> tuple[Tensor, Lamps | None]:
         """(3, h, w) sound radiance, or (6, h, w), followed by that of the lamps; and the lamps."""
-        image, infinite = bounded(image, weights) if self.unknown_lamps else (image, None)
+        image, infinite = bounded(image, weights, self.name) if self.unknown_lamps else (image, None)
         image = sound(image, weights, repair, self.name, self.unknown_lamps)
         lamps = lamps_of(image, weights, infinite)
         return (image, None) if lamps is None else (torch.cat([image, lamps.radiance]), lamps)

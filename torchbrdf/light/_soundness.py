@@ -29,8 +29,9 @@ def sound(radiance: Tensor, weights: Tensor, repair: bool, name: str, unknown_la
         raise ValueError(
             f"{name} has {_count(clipped, 'infinite texel')} of {total} ({place(clipped)}): a lamp too bright for "
             "every exposure, or for the numbers that it was saved in (half floats end at 65504). Filling it from its "
-            "neighbours would put sky in its place: find its radiance with `torchbrdf fit --align` (unknown_lamps=True "
-            "and tb.align in Python), add a shorter exposure, or save the probe with 32-bit floats"
+            "neighbours would put sky in its place: `torchbrdf fit --align` finds its radiance, and writes a probe "
+            "with it, aligned_probe.exr (unknown_lamps=True and tb.align in Python); else add a shorter exposure, or "
+            "save the probe with 32-bit floats"
         )
     huge = used & (radiance > _NO_RADIANCE).any(dim=0)
     if bool(huge.any()):

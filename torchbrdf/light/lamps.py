@@ -15,6 +15,9 @@ from torchbrdf.light._soundness import place
 LARGEST_SHARE = 0.005
 """Of the sphere, up to which texels at the ceiling can be a lamp: a disc of 8 degrees' radius."""
 
+_LARGEST_UNKNOWN = 0.02
+"""Of the sphere, up to which infinite texels are taken for lamps, of one radiance."""
+
 _ROUNDING = 1e-3
 _LEAST_CONTRAST = 3.0
 """How many times as bright as the mean a lamp is."""
@@ -49,13 +52,21 @@ class Lamps:
         return replace(self, radiance=radiance)
 
 
-def bounded(picture: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+def bounded(picture: Tensor, weights: Tensor, name: str | None = None) -> tuple[Tensor, Tensor]:
     """A picture (3, h, w) with its infinite values at its largest finite one, and (3, h, w) bool where those were.
 
     weights   (h, w) or (h, 1): solid angles; texels of 0 do not count
+    name      of a picture of all the light, where infinite values must be no more than lamps, else ValueError
     """
-    used = (weights > 0).expand(picture.shape[1:])
+    weights = weights.expand(picture.shape[1:])
+    used = weights > 0
     infinite = (picture == inf) & used
+    share = float((weights * infinite.any(0)).sum() / weights.sum())
+    if name is not None and share > _LARGEST_UNKNOWN:
+        raise ValueError(
+            f"{name} is infinite in {share:.1%} of the sphere: that is more than lamps, of which one radiance could be "
+            "found; add shorter exposures"
+        )
     finite = picture[torch.isfinite(picture) & used]
     return (torch.where(infinite, finite.max(), picture) if len(finite) else picture), infinite
 
@@ -67,7 +78,7 @@ def lamps_of(picture: Tensor, weights: Tensor, infinite: Tensor | None = None) -
     infinite  (3, h, w) bool: of `bounded`
     Texels at the largest value of their channel, beside another such one, or in such a plateau of another channel that
     ends at the same value, or alone where all channels are largest; together no larger than LARGEST_SHARE, and bright.
-    Infinite texels are lamps of any size.
+    Infinite texels are lamps, see `bounded`.
     """
     values, weights = picture.detach(), weights.expand(picture.shape[1:])
     unknown = infinite is not None and bool(infinite.any())

@@ -60,7 +60,7 @@ class LightProbe:
         weights = _checked(radiance, name)
         radiance = radiance.to(torch.float32, copy=True)
         if unknown_lamps:
-            radiance, self._infinite = bounded(radiance, weights)
+            radiance, self._infinite = bounded(radiance, weights, name)
         self._radiance = sound(radiance, weights, repair, name, unknown_lamps)
         self._name = name
 

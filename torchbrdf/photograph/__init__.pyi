@@ -1,4 +1,4 @@
-from .choice import locate as locate
+from .choice import another as another, locate as locate
 from .finding import find_balls as find_balls
 from .moving import (
     REACH as REACH,

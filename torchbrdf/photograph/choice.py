@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from math import hypot
 
 import torch
 from torch import Tensor
@@ -25,6 +26,9 @@ and 1.3 to 4 times as much as what is found for a camera of 60 or 90 degrees tha
 _FOVS = torch.linspace(4, 140, 273).tolist()
 _WELL = 0.5
 """Of the deviation from a ball that may be left where another field of view explains it."""
+
+_ANOTHER = 0.05
+"""Radii by which a ball that is seen is another than the one that is given."""
 
 _INSTEAD = "give its place, --circle X Y R in pixels, or a --mask"
 
@@ -74,6 +78,18 @@ def locate(
         ball.silhouette,
         f"ball {place} of {len(balls)} found, to {deviation:.2g} pixels, {ball.rim:.0%} of its rim seen",
     )
+
+
+def another(image: Tensor, silhouette: Circle | Ball) -> FoundBall | None:
+    """The ball that is seen beyond doubt where a silhouette is said to be, but not as it is said; None for none."""
+    x, y, radius = silhouette.circle
+    camera = silhouette.camera if isinstance(silhouette, Ball) else None
+    for ball in find_balls(image, camera):
+        circle = ball.circle
+        over = hypot(circle.x - x, circle.y - y) < max(radius, circle.radius)
+        if over and ball.sure and ball.round and _beyond_doubt(ball):
+            return ball if circle.differs(Circle(x, y, radius)) > _ANOTHER * radius else None
+    return None
 
 
 def the_ball(balls: list[FoundBall], number: int | None) -> FoundBall:
@@ -138,8 +154,9 @@ def _check_camera(score: float, image: Tensor, camera: PinholeCamera, usable: Te
     if circles:
         fov = fitting_fov(circles[0].edge, camera)
         better = "" if fov is None else f" (about --fov {fov:.0f} would suit it)"
+        given = "are --fov, --principal and --distortion" if any(camera.distortion) else "is --fov"
         raise ValueError(
-            f"the outline that is seen best, {circles[0]}, is no sphere's in a {camera}: is --fov right{better}? "
+            f"the outline that is seen best, {circles[0]}, is no sphere's in a {camera}: {given} right{better}? "
             f"Else {_INSTEAD}"
         )
 

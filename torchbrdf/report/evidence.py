@@ -189,7 +189,8 @@ class Evidence:
         if self.found.error > LARGE_RESIDUAL:
             found.append(
                 f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe "
-                "may be turned or scaled against the photograph, the photograph may hold clipped highlights, shadows "
+                "may be turned or scaled against the photograph, the silhouette may be another, the photograph may "
+                "hold clipped highlights, shadows "
                 "or reflections of things near by, or the library lacks this kind of material."
             )
         if (too_much := reflects_too_much(self.albedo)) is not None:

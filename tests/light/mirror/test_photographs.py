@@ -194,7 +194,7 @@ def test_a_second_photograph_fills_what_the_first_did_not_see(two):
     assert errors[0] < errors[1] / 2
 
 
-@pytest.mark.parametrize("vector", [(0.0, math.pi, 0.0), (0.0, 0.0, 0.0), (2.0, 0.5, -1.0)])
+@pytest.mark.parametrize("vector", [(0.0, math.pi, 0.0), (0.0, 0.0, 0.0), (2.0, 0.5, -1.0), (1.2, 1.2, 1.2)])
 def test_cameras_may_stand_anywhere(two, vector):
     """Opposite each other, too, where each sees sharply what the other sees at its rim."""
     turn = rotation_of(torch.tensor(vector))
@@ -202,6 +202,7 @@ def test_cameras_may_stand_anywhere(two, vector):
     found = unwrapped([two[0], other], height=128)
     assert found.turn is not None
     assert math.degrees(float(rotation_vector(found.turn.rotation @ turn.T).norm())) < 0.2
+    assert found.turn.gain == 1
 
 
 def test_another_exposure_is_found_and_scaled(two):

@@ -24,6 +24,9 @@ _FIRST, _TRIED = 16, 400
 _LEVELS = ((32, 12, 1000), (64, 4, 3000), (128, 2, 6000), (256, 1, 12000))
 """Rows of the maps, how many of the best turns go on to them, and the directions compared."""
 
+_REGIONS = 200
+"""Of the sphere, in which the exposures of both are compared."""
+
 _STEPS = 6
 _OUTLIER = 2.0
 """Deviations, in their own median, at which a direction counts half: near things look different from another side."""
@@ -96,10 +99,8 @@ def find_rotation(first: Seen, second: Seen) -> Registration:
             "the two photographs fit each other equally well in two ways: the light is too uniform to tell how the "
             "camera was turned; give one photograph"
         )
-    # Sharpness differs between the two: their means, not their details, tell the exposure.
-    gain, _ = _Pair.of(first, second, _FIRST, _TRIED).difference(turns[0])
-    _, residual = pair.difference(turns[0])
-    return Registration(turns[0], gain if abs(gain - 1) > _SAME_GAIN else 1.0, correlation, residual)
+    gain = pair.gain(turns[0])
+    return Registration(turns[0], gain if abs(gain - 1) > _SAME_GAIN else 1.0, correlation, pair.residual(turns[0]))
 
 
 @dataclass(frozen=True)
@@ -150,12 +151,28 @@ class _Pair:
                 break
         return turn
 
-    def difference(self, turn: Tensor) -> tuple[float, float]:
-        """The second's gain, and the robust difference after it."""
+    def gain(self, turn: Tensor) -> float:
+        """How many times as bright the second is, in the median of regions, by their light.
+
+        Sharpness differs between the two: the means of regions tell the exposure, not their details, nor dark regions
+        beside bright ones.
+        """
+        a, b, weights = (each.double() for each in self.values(turn[None]))
+        region = (self.directions @ _even_directions(_REGIONS).T).argmax(1)
+        weight, first, second = (
+            torch.zeros(_REGIONS, dtype=torch.float64).index_add_(0, region, each * weights[0])
+            for each in (torch.ones_like(a), a.exp(), b[0].exp())
+        )
+        known = weight >= weight.max() / 2
+        ratio, order = (second[known] / first[known]).sort()
+        share = (first * second).sqrt()[known][order].cumsum(0)
+        return float(ratio[torch.searchsorted(share, share[-1] / 2)])
+
+    def residual(self, turn: Tensor) -> float:
+        """The robust relative difference, whatever the exposure."""
         off, weights = self._robust(turn)
-        mean = float((off * weights).sum() / weights.sum())
-        spread = float((((off - mean) ** 2 * weights).sum() / weights.sum()).sqrt())
-        return float(np.exp(-mean)), spread
+        mean = (off * weights).sum() / weights.sum()
+        return float((((off - mean) ** 2 * weights).sum() / weights.sum()).sqrt())
 
     def _robust(self, turn: Tensor) -> tuple[Tensor, Tensor]:
         """First minus second (N,), and weights (N,) that are small where that is far from usual."""
