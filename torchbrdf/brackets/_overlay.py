@@ -10,8 +10,8 @@ import numpy as np
 from torchbrdf.brackets.frames import Frame
 from torchbrdf.brackets.registration import Motion, find_motion
 
-_SLIGHT = 0.5
-"""Pixels at the corners: no more than a frame that is nearly black may be off without harm."""
+_SLIGHT, _USUALLY = 1.0, 0.25
+"""Pixels at the corners, at most and in the median: a tripod's, of which dark frames tell more than there was."""
 
 
 def overlay(frames: Sequence[Frame], clip: np.ndarray, reference: int, still: bool) -> dict[int, Motion]:
@@ -37,7 +37,8 @@ def overlay(frames: Sequence[Frame], clip: np.ndarray, reference: int, still: bo
                 near, tones = k, own
     unknown = [k for k in range(len(frames)) if k not in found]
     size = (frames[0].codes.shape[0], frames[0].codes.shape[1])
-    if unknown and all(motion.pixels(size) < _SLIGHT for motion in found.values()) and len(found) > 1:
+    moved = [motion.pixels(size) for motion in found.values()]
+    if unknown and max(moved) < _SLIGHT and np.median(moved) < _USUALLY and len(found) > 1:
         known = list(found)
         found |= {k: found[min(known, key=lambda near: abs(near - k))] for k in unknown}
         unknown = []

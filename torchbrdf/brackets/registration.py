@@ -92,7 +92,7 @@ def find_motion(dark: np.ndarray, bright: np.ndarray) -> Motion | None:
     alike = _correlation(*middle, motion.scaled(middle[0].shape[1] / width))
     if alike < _DIFFERENT:
         raise LookupError
-    return motion.inverse() if alike > _ALIKE else None
+    return motion.inverse() if alike > _ALIKE or motion.still(bright.shape) else None  # chance ends nowhere near none
 
 
 def _pyramid(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
