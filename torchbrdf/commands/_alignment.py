@@ -88,6 +88,17 @@ def warn_of_turn(found: Alignment) -> None:
         warnings.warn(message, UserWarning, stacklevel=2)
 
 
+def warn_of_blur(found: Alignment) -> None:
+    """Say that a blur that was found may be none of the light's."""
+    if found.blur:
+        message = (
+            f"the light probe is blurred by {found.blur:.2f} degrees, which explains the photograph better; so may a "
+            "blur explain a material that is rougher than the library's or has flakes: compare with the fit without "
+            "--blur"
+        )
+        warnings.warn(message, UserWarning, stacklevel=2)
+
+
 def divided(observation: Observation, found: Alignment) -> Observation:
     """The observation divided by its exposure, where that was found."""
     if found.exposure is None:

@@ -69,6 +69,7 @@ def run(options: argparse.Namespace) -> int:
             found = _alignment.aligned(options, sight, probe, library)
             _alignment.warn_of_lamps(probe, found)
             _alignment.warn_of_turn(found)
+            _alignment.warn_of_blur(found)
             sight, probe = _alignment.seen_anew(sight, found), found.probe
             observation = _alignment.divided(sight.observation, found)
             basis = _alignment.basis_of(found)

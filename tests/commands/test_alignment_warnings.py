@@ -1,4 +1,4 @@
-"""What `torchbrdf fit --align` says of lamps at which its probe may be clipped, and of turns that are not sure."""
+"""What `torchbrdf fit --align` says of lamps that may be clipped, and of turns and blurs that are not sure."""
 
 import math
 import warnings
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment.lamps import LampRadiance
-from torchbrdf.commands._alignment import warn_of_lamps, warn_of_turn
+from torchbrdf.commands._alignment import warn_of_blur, warn_of_lamps, warn_of_turn
 from torchbrdf.light.probe import LightProbe
 
 
@@ -61,6 +61,14 @@ def test_nothing_is_said_of_a_lamp_that_is_as_it_was_recorded() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_of_lamps(probe, found(probe, 0.1, -1.0))
+
+
+@pytest.mark.parametrize("blur", [0.0, 3.5])
+def test_a_blur_is_said_to_be_doubtful(blur: float) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_blur(SimpleNamespace(blur=blur))
+    assert len(caught) == (blur > 0)
 
 
 @pytest.mark.parametrize(("angle", "confident", "said"), [(8.0, False, True), (8.0, True, False), (0.0, False, False)])
