@@ -5,6 +5,7 @@ import torch
 from torch import pi
 
 from torchbrdf.transport.harmonic._mirror_images import MirrorImages, azimuths_of_images
+from torchbrdf.transport.harmonic.ring_lookup import _copied
 from torchbrdf.view import NormalMapView, SphereView
 
 
@@ -42,3 +43,10 @@ def test_azimuths_of_images():
         wanted = (1 - 2 * (which % 2)) * azimuth + (which // 2) * (pi / 2)
         found = (at[which] + 0.5) * (2 * pi / places)
         assert torch.allclose(torch.remainder(found - wanted + 1, 2 * pi), torch.ones(places), atol=1e-6)
+
+
+def test_a_source_without_entries_has_images_without():
+    image, entry, offsets = _copied(torch.tensor([0, 0]), torch.tensor([0, 0, 1]), torch.tensor([3, 4, 5]))
+    assert image.tolist() == [3, 3, 4, 4]
+    assert entry.tolist() == [0, 1, 0, 1]
+    assert offsets.tolist() == [0, 2, 4]

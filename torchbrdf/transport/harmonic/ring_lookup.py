@@ -194,7 +194,7 @@ def _group(
 
 def _copied(row: Tensor, source: Tensor, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """The entries of images (P,) of sources (P,), from those of the sources, by rows (N,): image, entry, offsets."""
-    counts = torch.bincount(row)
+    counts = torch.bincount(row, minlength=int(source.max()) + 1)  # a source may have none
     firsts, count = counts.cumsum(0) - counts, counts[source]
     offsets = count.cumsum(0) - count
     entry = torch.arange(int(count.sum())) + (firsts[source] - offsets).repeat_interleave(count)
