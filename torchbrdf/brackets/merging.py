@@ -101,11 +101,16 @@ class _Moved:
         if self.still:
             return plane
         border = cv2.BORDER_REPLICATE if values else cv2.BORDER_CONSTANT
-        linear, cubic = (
-            cv2.warpAffine(plane, self.matrix, self.size, flags=how | cv2.WARP_INVERSE_MAP, borderMode=border)
-            for how in (cv2.INTER_LINEAR, cv2.INTER_CUBIC)
-        )
-        return np.where(cubic < 0, linear, cubic) if values else linear  # beside a lamp cubics ring
+
+        def warped(how: int) -> np.ndarray:
+            flags = how | cv2.WARP_INVERSE_MAP
+            return cv2.warpAffine(plane, self.matrix, self.size, flags=flags, borderMode=border)
+
+        linear = warped(cv2.INTER_LINEAR)
+        if not values:
+            return linear
+        cubic = warped(cv2.INTER_CUBIC)
+        return np.where(cubic < 0, linear, cubic)  # beside a lamp cubics ring
 
 
 def _unclipped(frame: Frame, clip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
