@@ -186,7 +186,7 @@ class RotationSearch:
 
     def turns(self, trial: Trial) -> Tensor:
         """(3, 3, P): how the image at the solution changes with turns about +X, +Y and +Z, per radian."""
-        return self.light.change_at(_likeliest(trial)[2].mT, trial.rotation)[..., self.used].double()
+        return self.light.change_at(likeliest(trial.explanation)[2].mT, trial.rotation)[..., self.used].double()
 
     def derivatives(self, trial: Trial, change: Tensor) -> tuple[Tensor, Tensor]:
         """First (K,) and minus second derivatives (K, K) of the log evidence, with the best prior and penalty.
@@ -196,7 +196,7 @@ class RotationSearch:
         -1/2 sum over channels of P log(y^T M^-1 y), so these are P r^T J / (y^T M^-1 y) and P J^T M^-1 J / (...).
         """
         found, bank = trial.explanation, trial.explanation.bank
-        m, penalty, weights = _likeliest(trial)
+        m, penalty, weights = likeliest(found)
         weighted, residual = change * bank.space.inverse, trial.y - bank.space.render(weights[None], torch.float64)
         inside, _ = bank.space.project(change)
         seen = torch.einsum("asr,srk->ask", inside, bank.vectors[m])
@@ -216,13 +216,13 @@ class RotationSearch:
         return self._frame
 
 
-def _likeliest(trial: Trial) -> tuple[int, int, Tensor]:
+def likeliest(explanation: Explanation) -> tuple[int, int, Tensor]:
     """The prior and the penalty of the highest evidence, and the weights (3, n) at the top of their posterior."""
-    evidence = trial.explanation.log_evidence
+    evidence = explanation.log_evidence
     m, penalty = divmod(int(evidence[0].argmax()), evidence.shape[2])
     only = torch.zeros_like(evidence)
     only[0, m, penalty] = 1
-    return m, penalty, trial.explanation.components(only)[0, m]
+    return m, penalty, explanation.components(only)[0, m]
 
 
 @dataclass(frozen=True, eq=False)

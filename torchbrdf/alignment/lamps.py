@@ -13,7 +13,7 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, with_few_materials
+from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, likeliest, with_few_materials
 from torchbrdf.estimation import ImageSpace, residual_scale
 from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances, redundancy, whole_variances
 from torchbrdf.light import Lamps, LightProbe
@@ -196,10 +196,7 @@ class LampSearch:
     def _slope(self, lighting: _Lighting) -> tuple[Tensor, Tensor]:
         """First (3,) and minus second derivatives (3, 3) of the log evidence by log factors; see `RotationSearch`."""
         found, bank = lighting.explanation, lighting.explanation.bank
-        m, penalty = divmod(int(found.log_evidence[0].argmax()), found.log_evidence.shape[2])
-        only = torch.zeros_like(found.log_evidence)
-        only[0, m, penalty] = 1
-        weights = found.components(only)[0, m]
+        m, penalty, weights = likeliest(found)
         factors = (lighting.log_factors * self.channels).exp().to(weights)
         change = (
             torch.einsum("sn,nsp->sp", weights, self._lamps.to(weights))
