@@ -130,21 +130,19 @@ def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None)
     """The ball of which a first guess is known, by its outline alone; None where that is not seen for certain.
 
     guess  within about a tenth of the radius; a ball before the photograph's camera
-    See `find_balls`. What is black to the last bit may be cut out by a mask, whose border is none of the ball's.
+    See `find_balls`.
     """
-    shown = (image != 0).any(0, keepdim=True)
-    usable = shown if usable is None else usable & shown
     chart = chart_of(guess.camera if isinstance(guess, Ball) else None)
     place = chart.circle(guess)
     height, width = image.shape[-2:]
     x, y, radius = guess.circle
     left, top = (max(int(middle - _AROUND * radius), 0) for middle in (x, y))
     around = slice(top, int(y + _AROUND * radius) + 1), slice(left, int(x + _AROUND * radius) + 1)
-    pyramid = Pyramid.of(image.detach()[:, *around], usable[:, *around], (left, top))
+    pyramid = Pyramid.of(image.detach()[:, *around], None if usable is None else usable[:, *around], (left, top))
     floor = _floor(pyramid)
     if floor is None:
         return None
-    rough = Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
+    rough = _roughly(pyramid, chart, place, floor)
     starts = [place] if rough is None or _alike(rough.place, place) else [place, rough.place]
     refined = [outline for start in starts if (outline := _refined(pyramid, chart, start)) is not None]
     if not refined:
@@ -163,12 +161,14 @@ def _floor(pyramid: Pyramid) -> float | None:
 def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
     """From where to refine: the likeliest circles, and the best of all after a rough fit."""
     places = seek(pyramid, chart, floor, _CANDIDATES)
-    rough = [
-        Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
-        for place in places
-    ]
+    rough = [_roughly(pyramid, chart, place, floor) for place in places]
     likely = [one.place for one in _distinct([one for one in rough if one is not None])[:_LIKELY]]
     return likely + [place for place in places[:_FIRST] if not any(_alike(place, one) for one in likely)]
+
+
+def _roughly(pyramid: Pyramid, chart: Chart, place: Place, floor: float) -> Outline | None:
+    """The outline about a place; None where there is none."""
+    return Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
 
 
 def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
