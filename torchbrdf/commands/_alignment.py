@@ -57,46 +57,45 @@ def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
     """Say that lamps of the probe are clipped where nothing looks for their radiance, or how well it is told."""
     if found is None:
         if probe.lamps is not None and probe.lamps.certain:
-            message = f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance"
-            warnings.warn(message, UserWarning, stacklevel=2)
+            _warn(f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance")
     elif found.lamp is None:
         return
     elif found.lamp.clipped and found.lamp.confident:
         worst = float(found.lamp.std.max())
-        message = (
+        _warn(
             f"{probe.name}: {found.lamp.lamps.about}: their radiance, by one factor, is that which the photograph "
             f"tells, to {worst:.0%}, and the BRDF is off where it is; a shorter exposure of the probe shows it"
         )
-        warnings.warn(message, UserWarning, stacklevel=2)
     elif not found.lamp.confident and (found.lamp.clipped or found.lamp.lamps.certain):
-        message = (
+        _warn(
             f"{probe.name}: {found.lamp.lamps.about}: this photograph cannot tell their radiance for sure, and a lamp "
             "that is off spoils what it lights; take a shorter exposure of the probe, or photograph a side that they "
             "light"
         )
-        warnings.warn(message, UserWarning, stacklevel=2)
 
 
 def warn_of_turn(found: Alignment) -> None:
     """Say where the probe is turned by more than the photograph tells for sure."""
     if found.angle and not found.confident:
-        message = (
+        _warn(
             f"the light probe is turned by {found.angle:.1f} degrees, +- {found.uncertainty:.1f} about the least "
             "certain axis, more than this photograph can tell for sure; --search full looks all around the vertical "
             "axis, too"
         )
-        warnings.warn(message, UserWarning, stacklevel=2)
 
 
 def warn_of_blur(found: Alignment) -> None:
     """Say that a blur that was found may be none of the light's."""
     if found.blur:
-        message = (
+        _warn(
             f"the light probe is blurred by {found.blur:.2f} degrees, which explains the photograph better; so may a "
             "blur explain a material that is rougher than the library's or has flakes: compare with the fit without "
             "--blur"
         )
-        warnings.warn(message, UserWarning, stacklevel=2)
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, UserWarning, stacklevel=3)
 
 
 def divided(observation: Observation, found: Alignment) -> Observation:

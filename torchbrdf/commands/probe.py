@@ -1,6 +1,7 @@
 """`torchbrdf probe`: from photographs of a mirror ball to a light probe."""
 
 import argparse
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
@@ -59,8 +60,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Unwrap a photograph of a mirror ball, or two, into a lat-long light probe in the frame of the first camera."""
-    import warnings
-
     from torchbrdf.light import LightProbe
     from torchbrdf.light.mirror import unwrapped
 
@@ -100,8 +99,6 @@ def check_options(options: argparse.Namespace) -> None:
 
 def _reflectance(options: argparse.Namespace) -> "tuple[list[float] | Metal, str]":
     """What the ball reflects, and in words."""
-    import warnings
-
     import torch
 
     from torchbrdf.light import checked_reflectance
@@ -120,8 +117,6 @@ def _photograph(
     options: argparse.Namespace, index: int, reflectance: "list[float] | Metal"
 ) -> "tuple[MirrorPhotograph, str]":
     """One of them with its ball, and how that was found."""
-    import warnings
-
     from torchbrdf.camera import Ball
     from torchbrdf.commands._inputs import about, open_camera
     from torchbrdf.commands._sight import find_silhouette

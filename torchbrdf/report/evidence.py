@@ -188,10 +188,9 @@ class Evidence:
         found = [] if self.distrust is None else [f"{self.distrust[0].upper()}{self.distrust[1:]}."]
         if self.found.error > LARGE_RESIDUAL:
             found.append(
-                f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe "
-                "may be turned or scaled against the photograph, the silhouette may be another, the photograph may "
-                "hold clipped highlights, shadows "
-                "or reflections of things near by, or the library lacks this kind of material."
+                f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe may be turned or "
+                "scaled against the photograph, the silhouette may be another, the photograph may hold clipped "
+                "highlights, shadows or reflections of things near by, or the library lacks this kind of material."
             )
         if (too_much := reflects_too_much(self.albedo)) is not None:
             found.append(
