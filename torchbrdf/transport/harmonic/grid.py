@@ -28,7 +28,7 @@ _WIDEST = 2.0
 """Largest angle between rings, near the silhouette, in rows of light."""
 
 _QUADRATURE = 3
-"""Places in an interval between two rings, or elevations, at which integrals are taken."""
+"""See `Zone`."""
 
 _DUAL_REACH = 9
 """Rings on either side whose moments make a coefficient across the rings."""
@@ -43,12 +43,14 @@ HELD_DISTANCE = 6.0
 class Zone:
     """A range of half angles and the grid of its kernels.
 
-    index  0 holds the mirror direction
-    rows   intervals of the light's polar angle beta, and the highest azimuth frequency
+    index       0 holds the mirror direction
+    rows        intervals of the light's polar angle beta, and the highest azimuth frequency
+    quadrature  places in an interval between two rings, or elevations, at which integrals are taken
     """
 
     index: int
     rows: int
+    quadrature: int = _QUADRATURE
 
     @property
     def frequencies(self) -> int:
@@ -104,24 +106,35 @@ class Zone:
         """Rings that share a basis of materials and a range of elevations."""
         return [range(i, min(i + RINGS_PER_GROUP, self.rings)) for i in range(0, self.rings, RINGS_PER_GROUP)]
 
-    def ring_splines(self, gamma: Tensor) -> tuple[Tensor, Tensor]:
-        """First spline (...) int64 and the values of four (..., 4) at polar angles of normals."""
-        table, coordinate, intervals = self._ring_table
+    def ring_coordinate(self, gamma: Tensor) -> Tensor:
+        """(...) float64: polar angles of normals in intervals between rings."""
+        table, coordinate, _ = self._ring_table
         position = (gamma.double() / table[1]).clamp(0, len(table) - 1.000001)
         low = position.floor().long()
-        x = torch.lerp(coordinate[low], coordinate[low + 1], position - low).clamp(0, intervals - 1e-9)
+        return torch.lerp(coordinate[low], coordinate[low + 1], position - low)
+
+    def ring_angle(self, coordinate: Tensor) -> Tensor:
+        """(N,) float64: the inverse of `ring_coordinate`."""
+        return self._angle_and_slope(coordinate)[0]
+
+    def _angle_and_slope(self, at: Tensor) -> tuple[Tensor, Tensor]:
+        gamma, coordinate, _ = self._ring_table
+        high = torch.searchsorted(coordinate, at).clamp(1, len(coordinate) - 1)
+        step = coordinate[high] - coordinate[high - 1]
+        return torch.lerp(gamma[high - 1], gamma[high], (at - coordinate[high - 1]) / step), gamma[1] / step
+
+    def ring_splines(self, gamma: Tensor) -> tuple[Tensor, Tensor]:
+        """First spline (...) int64 and the values of four (..., 4) at polar angles of normals."""
+        x = self.ring_coordinate(gamma).clamp(0, self.intervals - 1e-9)
         return x.floor().long(), spline_weights(x)
 
     @cached_property
     def _ring_places(self) -> tuple[Tensor, Tensor, Tensor]:
         """gamma (Q,) of the quadrature, the splines there (Q, rings), and the image's measure (Q,)."""
-        gamma, coordinate, intervals = self._ring_table
-        places = _places(intervals)
-        high = torch.searchsorted(coordinate, places).clamp(1, len(coordinate) - 1)
-        step = coordinate[high] - coordinate[high - 1]
-        at = torch.lerp(gamma[high - 1], gamma[high], (places - coordinate[high - 1]) / step)
-        measure = torch.sin(at) * torch.cos(at) * gamma[1] / step / _QUADRATURE
-        return at, design_matrix(places, intervals), measure
+        places = _places(self.intervals, self.quadrature)
+        at, slope = self._angle_and_slope(places)
+        measure = torch.sin(at) * torch.cos(at) * slope / self.quadrature
+        return at, design_matrix(places, self.intervals), measure
 
     @cached_property
     def ring_quadrature(self) -> tuple[Tensor, Tensor]:
@@ -142,8 +155,8 @@ class Zone:
 
     @cached_property
     def _elevation_places(self) -> tuple[Tensor, Tensor]:
-        places = _places(self.rows)
-        return design_matrix(places, self.rows), torch.sin(places * (pi / self.rows)) * (pi / self.rows / _QUADRATURE)
+        places = _places(self.rows, self.quadrature)
+        return design_matrix(places, self.rows), torch.sin(places * (pi / self.rows)) * (pi / self.rows / self.quadrature)
 
     @cached_property
     def row_measure(self) -> Tensor:
@@ -170,13 +183,14 @@ def _handover(theta_h: Tensor, start: float, end: float) -> Tensor:
     return t * t * (3 - 2 * t)
 
 
-def tilt_of(gamma: Tensor) -> Tensor:
-    """How far view directions are tilted away from the normal in the strongest perspective, on rings gamma.
+def tilt_of(gamma: Tensor, distance: float = HELD_DISTANCE) -> Tensor:
+    """How far view directions are tilted away from the normal on rings gamma, by default in the strongest perspective.
 
+    distance  in radii, of the camera from the ball's middle
     A ring is named by the normal half way between the axis and the mirror direction: in perspective, the normal's
     polar angle and half of the tilt. Where the ball ends, the view is grazing.
     """
-    half = torch.atan2(torch.sin(gamma), 2 * HELD_DISTANCE - torch.cos(gamma))
+    half = torch.atan2(torch.sin(gamma), 2 * distance - torch.cos(gamma))
     return 2 * torch.minimum(half, pi / 2 - gamma)
 
 
@@ -185,8 +199,8 @@ def zones() -> list[Zone]:
     return [Zone(i, rows) for i, rows in enumerate(_ROWS)]
 
 
-def _places(intervals: int) -> Tensor:
-    return (torch.arange(intervals * _QUADRATURE, dtype=torch.float64) + 0.5) / _QUADRATURE
+def _places(intervals: int, quadrature: int) -> Tensor:
+    return (torch.arange(intervals * quadrature, dtype=torch.float64) + 0.5) / quadrature
 
 
 def settings() -> list[object]:

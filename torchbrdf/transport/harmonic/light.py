@@ -19,7 +19,7 @@ _FINEST = 600 / LINES
 """Rows of texels that a line resolves; larger probes are averaged to so many."""
 
 _BLUR = radians(0.1)
-"""Standard deviation of a blur along the probe's own rows: it spreads the texels that crowd at its poles."""
+"""See `TurningLight`."""
 
 
 LightHarmonics = list[tuple[Tensor, Tensor]]
@@ -31,10 +31,15 @@ class TurningLight:
     """A probe whose harmonics are wanted in several orientations.
 
     lines  of equal polar angle on which radiance is read; at least 270 for all frequencies
+    blur   standard deviation, in radians, of a blur along the probe's own rows: it spreads the texels that crowd at
+           its poles, which the lines would miss
+    grid   the zones whose coefficients are wanted; None for those of libraries
     """
 
     probe: LightProbe
     lines: int = LINES
+    blur: float = _BLUR
+    grid: tuple[Zone, ...] | None = None
 
     def harmonics(self, rotation: Tensor | None = None) -> LightHarmonics:
         """The coefficients of the probe turned by a rotation (3, 3), as in `LightProbe.rotated`; None for none.
@@ -61,7 +66,7 @@ class TurningLight:
         """(3, H, 2 H + 2) radiance; the first and the last column repeat the one at the other end."""
         finest = round(self.lines * _FINEST)
         probe = self.probe if self.probe.height <= finest else self.probe.resized(finest)
-        radiance, blur = probe.radiance, _blur(probe.height, str(probe.device))
+        radiance, blur = probe.radiance, _blur(probe.height, self.blur, str(probe.device))
         n = len(blur)
         top, middle, bottom = radiance.split([n, probe.height - 2 * n, n], dim=1)
         top, bottom = (
@@ -82,7 +87,7 @@ class TurningLight:
         seen = grid_sample(self._texels[None], places[None], mode="bilinear", align_corners=True)[0]
         spectrum = torch.view_as_real(torch.fft.rfft(seen, norm="forward"))
         found = []
-        for zone in zones():
+        for zone in self.grid or zones():
             kept = spectrum[:, :, : zone.frequencies].flatten(2)
             found.append(torch.view_as_complex((_projection(zone, self.lines, device) @ kept).unflatten(2, (-1, 2))))
         return found
@@ -127,15 +132,15 @@ def _places(height: int, lines: int, device: str) -> Tensor:
 
 @lru_cache(maxsize=8)
 @lasting
-def _blur(height: int, device: str) -> Tensor:
+def _blur(height: int, deviation: float, device: str) -> Tensor:
     """(N, H + 1): the transform of the blur along the N rows next to a pole where texels are narrower than it.
 
     The row at the pole itself counts as at a third of a row's distance: bilinear radiance shows it up to the next row.
     """
     step = pi / (height - 1)
     sine = torch.sin(torch.arange(height // 2, dtype=torch.float64) * step)
-    narrow = max(1, int((sine < 2 * _BLUR * height / pi).sum()))
-    spread = _BLUR / sine[:narrow, None].clamp_min(sin(step / 3))
+    narrow = max(1, int((sine < 2 * deviation * height / pi).sum()))
+    spread = deviation / sine[:narrow, None].clamp_min(sin(step / 3))
     frequency = torch.arange(height + 1, dtype=torch.float64)
     return torch.exp(-0.5 * (frequency * spread).square()).float().to(device)
 

@@ -1,0 +1,174 @@
+"""The light-independent side of the harmonic transport of single tables: finer than a library's, and not compressed.
+
+As in `_kernels`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated. They
+are as many as the knots of the light can tell apart. Docs/transport.md has the errors.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, pi, sin
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf import GRID
+from torchbrdf.transport.harmonic.grid import Zone, tilt_of
+from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
+
+_ROWS = (512, 256, 96, 96)
+_QUADRATURE = (2, 2, 2, 3)
+"""Of each zone, see `Zone`."""
+
+_AZIMUTHS = (1.25, 1.25, 1.25, 1.5)
+"""Half vectors about the normal for each knot of light that they pass, by zone."""
+
+_FEWEST_AZIMUTHS = 6
+
+_STEP = 0.45
+"""Most knots that the light moves by between two half vectors of a meridian."""
+
+_PLACES = 4
+"""Nodes around the circle for each row of a zone, on which half vectors are spread by splines."""
+
+_DEGREE = 180 / pi
+
+
+@lru_cache(maxsize=1)
+def table_zones() -> tuple[Zone, ...]:
+    """The zones of single tables."""
+    return tuple(Zone(i, rows, n) for i, (rows, n) in enumerate(zip(_ROWS, _QUADRATURE, strict=True)))
+
+
+@dataclass(frozen=True)
+class TableKernels:
+    """Of a group of G rings: 2 pi times the conjugate Fourier series over azimuth of K tables' kernels.
+
+    first_row  splines over elevation first_row, ..., first_row + E - 1
+    even       (3, M, E, G K) float32: real parts of each channel; rings before tables
+    odd        imaginary parts likewise; None where the tables have none
+    """
+
+    first_row: int
+    even: Tensor
+    odd: Tensor | None
+
+
+def table_kernels(
+    values: Tensor, symmetric: bool, zone: Zone, rings: range, frequencies: int, distance: float | None
+) -> TableKernels:
+    """The kernels of one group of rings.
+
+    values       (cells, 3 K) float32: f_r, channels before tables
+    symmetric    whether they are the same for phi_d and -phi_d
+    frequencies  of azimuth that are wanted, M at most
+    distance     of the camera from a ball in radii; None without perspective
+    """
+    from scipy.sparse import csc_matrix
+
+    gamma, to_rings = zone.ring_quadrature
+    to_rings = to_rings[rings.start : rings.stop]
+    used = to_rings.amax(0) > 0
+    samples = _HalfVectors.of(zone, gamma[used], distance)
+    first, by_row = zone.elevation_splines(samples.beta)
+    low, n_rows = int(first.min()), int(first.max() - first.min()) + SUPPORT
+    position = samples.delta * (_PLACES * zone.rows / (2 * pi))
+    place, by_place = position.int(), spline_weights(position)
+    line = int(place.max()) + SUPPORT
+    node = (samples.ring * n_rows + (first.int() - low)) * line + place
+    near = (torch.arange(SUPPORT, dtype=torch.int32)[:, None] * line + torch.arange(SUPPORT, dtype=torch.int32)).ravel()
+    weights = (samples.weight[:, None, None] * by_row[:, :, None]) * by_place[:, None, :]
+    ends = np.arange(0, SUPPORT**2 * len(node) + 1, SUPPORT**2, dtype=np.int32)
+    shape = (int(used.sum()) * n_rows * line, len(node))
+    spread = csc_matrix((weights.ravel().numpy(), (node[:, None] + near).ravel().numpy(), ends), shape=shape)
+    seen = values[samples.cell]
+    if symmetric:
+        parts = 2 * seen
+    else:
+        mirrored = values[samples.mirrored]
+        parts = torch.cat([seen + mirrored, seen - mirrored], 1)
+    moments = torch.from_numpy(spread @ parts.numpy()).view(shape[0] // (n_rows * line), -1)
+    shaped = (to_rings[:, used].float() @ moments).view(len(rings), n_rows, line, -1, 3, values.shape[1] // 3)
+    by_parity = shaped.permute(3, 4, 2, 1, 0, 5).reshape(parts.shape[1] // values.shape[1], 3, line, -1)
+    waves = _waves(zone, line, min(frequencies, zone.frequencies))
+    series = [torch.matmul(wave, part).unflatten(2, (n_rows, -1)) for wave, part in zip(waves, by_parity, strict=False)]
+    return TableKernels(low, series[0], None if symmetric else series[1])
+
+
+@dataclass(frozen=True)
+class _HalfVectors:
+    """N half vectors on one side of the normal, for Q polar angles of normals.
+
+    ring            (N,) int32: which of those angles
+    cell, mirrored  (N,) int32: of the table, and of the half vector's mirror image
+    weight          (N,) the kernel times the measure of the light
+    beta, delta     (N,) of the light, delta in [0, pi]
+    """
+
+    ring: Tensor
+    cell: Tensor
+    mirrored: Tensor
+    weight: Tensor
+    beta: Tensor
+    delta: Tensor
+
+    @staticmethod
+    def of(zone: Zone, gamma: Tensor, distance: float | None) -> "_HalfVectors":
+        """In the frame of the normal, whose first axis points down from the view direction."""
+        (sin_h, cos_h), (sin_p, cos_p), measure, row = _meridians(zone)
+        tilt = torch.zeros_like(gamma) if distance is None else tilt_of(gamma, distance)
+        sin_v, cos_v = (wave(gamma + tilt / 2).float()[:, None] for wave in (torch.sin, torch.cos))
+        sin_g, cos_g = (wave(gamma - tilt / 2).float()[:, None] for wave in (torch.sin, torch.cos))
+        along = cos_v * cos_h - sin_v * sin_h * cos_p  # h . v
+        x, y, z = 2 * along * sin_h * cos_p + sin_v, 2 * along * sin_h * sin_p, 2 * along * cos_h - cos_v
+        lit = (along > 0) & (z > 0)
+        # The view direction in the frame of the half vector; the light's lies opposite.
+        across, beside = -cos_h * cos_p * sin_v - sin_h * cos_v, sin_p * sin_v
+        theta_d = (torch.atan2(torch.hypot(across, beside), along) * _DEGREE).int().clamp_(0, GRID[1] - 1)
+        phi_d = torch.atan2(-beside, -across)
+        first = row + theta_d * GRID[2]
+        cell, mirrored = (
+            first + (torch.remainder(angle, pi) * (GRID[2] / pi)).int().clamp_(0, GRID[2] - 1)
+            for angle in (phi_d, -phi_d)
+        )
+        down, up = x * cos_g + z * sin_g, z * cos_g - x * sin_g
+        beta, delta = torch.atan2(torch.hypot(down, y), up), torch.atan2(y, down).abs()
+        ring = torch.arange(len(gamma), dtype=torch.int32)[:, None].expand_as(lit)
+        chosen = (ring, cell, mirrored, 4 * measure * along * z, beta, delta)
+        return _HalfVectors(*(each[lit] for each in chosen))
+
+
+@lru_cache(maxsize=8)
+def _meridians(zone: Zone) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor], Tensor, Tensor]:
+    """Sine and cosine of theta_h and of phi_h, the measure times the zone's window, and the first cell of the row."""
+    edges = ((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)).tolist()
+    knot = pi / zone.rows
+    parts = []
+    for i, (low, high) in enumerate(zip(edges, edges[1:], strict=False)):
+        nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(2 * (high - low) / (knot * _STEP))))
+        for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
+            theta_h = (low + high) / 2 + (high - low) / 2 * node
+            window = float(zone.window(torch.tensor(theta_h)))
+            if window > 0:
+                passed = pi * sin(min(2 * theta_h, pi / 2)) / knot
+                n = max(_FEWEST_AZIMUTHS, ceil(_AZIMUTHS[zone.index] * passed))
+                phi_h = (torch.arange(n, dtype=torch.float64) + 0.5) * (pi / n)
+                measure = (high - low) / 2 * weight * sin(theta_h) * window * (pi / n)
+                parts.append((torch.full_like(phi_h, theta_h), phi_h, torch.full_like(phi_h, measure), i))
+    theta_h, phi_h, measure = (torch.cat([part[k] for part in parts]) for k in range(3))
+    row = torch.cat([torch.full((len(part[0]),), part[3] * GRID[1] * GRID[2], dtype=torch.int32) for part in parts])
+    waves = [(torch.sin(angle).float(), torch.cos(angle).float()) for angle in (theta_h, phi_h)]
+    return waves[0], waves[1], measure.float(), row
+
+
+@lru_cache(maxsize=128)
+def _waves(zone: Zone, line: int, frequencies: int) -> tuple[Tensor, Tensor]:
+    """(M, line) each: cosines and sines at the nodes, of which the first lies one place before delta = 0.
+
+    A spline's own transform is a power of a sinc, by which they are divided.
+    """
+    places = _PLACES * zone.rows
+    frequency = torch.arange(frequencies, dtype=torch.float64)[:, None]
+    angle = frequency * ((torch.arange(line) - 1) * (2 * pi / places))
+    spread = torch.sinc(frequency / places) ** SUPPORT
+    return (torch.cos(angle) / spread).float(), (torch.sin(angle) / spread).float()
