@@ -44,14 +44,15 @@ def table_zones() -> tuple[Zone, ...]:
 class TableKernels:
     """Of a group of G rings: 2 pi times the conjugate Fourier series over azimuth of K tables' kernels.
 
-    first_row  splines over elevation first_row, ..., first_row + E - 1
-    even       (3, M, E, G K) float32: real parts of each channel; rings before tables
-    odd        imaginary parts likewise; None where the tables have none
+    first_row, n_rows  splines over elevation first_row, ..., first_row + E - 1
+    even               (3, M, E G K) float32: real parts of each channel; elevations before rings before tables
+    odd                imaginary parts likewise; None where the tables have none
     """
 
     first_row: int
+    n_rows: int
     even: Tensor
-    odd: Tensor | None
+    odd: Tensor | None = None
 
 
 def table_kernels(
@@ -70,29 +71,34 @@ def table_kernels(
     to_rings = to_rings[rings.start : rings.stop]
     used = to_rings.amax(0) > 0
     samples = _HalfVectors.of(zone, gamma[used], distance)
-    first, by_row = zone.elevation_splines(samples.beta)
-    low, n_rows = int(first.min()), int(first.max() - first.min()) + SUPPORT
-    position = samples.delta * (_PLACES * zone.rows / (2 * pi))
-    place, by_place = position.int(), spline_weights(position)
-    line = int(place.max()) + SUPPORT
-    node = (samples.ring * n_rows + (first.int() - low)) * line + place
-    near = (torch.arange(SUPPORT, dtype=torch.int32)[:, None] * line + torch.arange(SUPPORT, dtype=torch.int32)).ravel()
-    weights = (samples.weight[:, None, None] * by_row[:, :, None]) * by_place[:, None, :]
-    ends = np.arange(0, SUPPORT**2 * len(node) + 1, SUPPORT**2, dtype=np.int32)
-    shape = (int(used.sum()) * n_rows * line, len(node))
-    spread = csc_matrix((weights.ravel().numpy(), (node[:, None] + near).ravel().numpy(), ends), shape=shape)
+    first, by_row = _split(samples.beta * (zone.rows / pi), zone.rows)
+    place, by_place = _split(samples.delta * (_PLACES * zone.rows / (2 * pi)), _PLACES * zone.rows)
+    low, n_rows, line = int(first.min()), int(first.max() - first.min()) + 1, int(place.max()) + SUPPORT
     seen = values[samples.cell]
-    if symmetric:
-        parts = 2 * seen
-    else:
+    if not symmetric:
         mirrored = values[samples.mirrored]
-        parts = torch.cat([seen + mirrored, seen - mirrored], 1)
-    moments = torch.from_numpy(spread @ parts.numpy()).view(shape[0] // (n_rows * line), -1)
-    shaped = (to_rings[:, used].float() @ moments).view(len(rings), n_rows, line, -1, 3, values.shape[1] // 3)
-    by_parity = shaped.permute(3, 4, 2, 1, 0, 5).reshape(parts.shape[1] // values.shape[1], 3, line, -1)
+        seen = torch.stack([seen + mirrored, seen - mirrored], 1).flatten(1) / 2
+    by_row *= samples.weight[:, None]
+    node = (samples.ring * n_rows + (first - low)) * line + place
+    near = node[:, None] + torch.arange(SUPPORT, dtype=torch.int32)
+    ends = np.arange(0, near.numel() + 1, SUPPORT, dtype=np.int32)
+    shape = (int(used.sum()) * n_rows * line, len(node))
+    spread = csc_matrix((by_place.ravel().numpy(), near.ravel().numpy(), ends), shape=shape)
+    each = (by_row[:, :, None] * seen[:, None]).flatten(1)
+    moments = torch.from_numpy(spread @ each.numpy()).view(-1, n_rows * line * each.shape[1])
+    shifted = (to_rings[:, used].float() @ moments).view(len(rings), n_rows, line, SUPPORT, -1, 3, values.shape[1] // 3)
+    whole = moments.new_zeros(*shifted.shape[4:6], line, n_rows + SUPPORT - 1, *shifted.shape[::6])
+    for i in range(SUPPORT):
+        whole[:, :, :, i : i + n_rows] += shifted[:, :, :, i].permute(3, 4, 2, 1, 0, 5)
     waves = _waves(zone, line, min(frequencies, zone.frequencies))
-    series = [torch.matmul(wave, part).unflatten(2, (n_rows, -1)) for wave, part in zip(waves, by_parity, strict=False)]
-    return TableKernels(low, series[0], None if symmetric else series[1])
+    even, *odd = (torch.matmul(wave, part.flatten(2)) for wave, part in zip(waves, whole, strict=False))
+    return TableKernels(low, whole.shape[3], even, *odd)
+
+
+def _split(position: Tensor, end: int) -> tuple[Tensor, Tensor]:
+    """First spline (N,) int32 and the values of four (N, 4) at places from 0 to an end, in knots."""
+    position = position.clamp_(0, end * (1 - torch.finfo(torch.float32).eps))
+    return position.int(), spline_weights(position)
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,7 @@ class _HalfVectors:
 
     ring            (N,) int32: which of those angles
     cell, mirrored  (N,) int32: of the table, and of the half vector's mirror image
-    weight          (N,) the kernel times the measure of the light
+    weight          (N,) the kernel times the measure of the light, of both sides
     beta, delta     (N,) of the light, delta in [0, pi]
     """
 
@@ -126,16 +132,15 @@ class _HalfVectors:
         across, beside = -cos_h * cos_p * sin_v - sin_h * cos_v, sin_p * sin_v
         theta_d = (torch.atan2(torch.hypot(across, beside), along) * _DEGREE).int().clamp_(0, GRID[1] - 1)
         phi_d = torch.atan2(-beside, -across)
+        column = (torch.remainder(phi_d, pi) * (GRID[2] / pi)).int().clamp_(0, GRID[2] - 1)
         first = row + theta_d * GRID[2]
-        cell, mirrored = (
-            first + (torch.remainder(angle, pi) * (GRID[2] / pi)).int().clamp_(0, GRID[2] - 1)
-            for angle in (phi_d, -phi_d)
-        )
         down, up = x * cos_g + z * sin_g, z * cos_g - x * sin_g
         beta, delta = torch.atan2(torch.hypot(down, y), up), torch.atan2(y, down).abs()
         ring = torch.arange(len(gamma), dtype=torch.int32)[:, None].expand_as(lit)
-        chosen = (ring, cell, mirrored, 4 * measure * along * z, beta, delta)
-        return _HalfVectors(*(each[lit] for each in chosen))
+        mirrored = first + (GRID[2] - 1) - column
+        chosen = torch.nonzero(lit.ravel()).ravel()
+        parts = (ring, first + column, mirrored, 8 * measure * along * z, beta, delta)
+        return _HalfVectors(*(part.reshape(-1)[chosen] for part in parts))
 
 
 @lru_cache(maxsize=8)

@@ -67,8 +67,7 @@ def _polar_radiance(tables: Sequence[MerlTable], light: Sequence[Tensor], distan
     """
     device = light[0].device
     values = torch.stack([table.filled.float().cpu() for table in tables], 2).flatten(1)  # (cells, 3 K)
-    mirrored = values.view(-1, GRID[2], values.shape[1]).flip(1).reshape(values.shape)
-    symmetric = bool(((values - mirrored).abs() <= _SYMMETRIC * values.abs()).all())
+    symmetric = all(_is_symmetric(table) for table in tables)
     zones = table_zones()
     places = _PLACES * zones[0].rows
     gamma = _polar_rows(zones[0])
@@ -88,15 +87,24 @@ def _polar_radiance(tables: Sequence[MerlTable], light: Sequence[Tensor], distan
     return torch.cat([radiance, radiance[..., :1]], -1)
 
 
+def _is_symmetric(table: MerlTable) -> bool:
+    """Whether f_r is the same at phi_d and -phi_d wherever it was measured."""
+    values, mirrored = table.values, table.values.flip(2)
+    same = ((values - mirrored).abs() <= _SYMMETRIC * values.abs()).all(-1)
+    return bool((same | ~table.valid).all()) and torch.equal(table.valid, table.valid.flip(2))
+
+
 def _series(kernels: TableKernels, light: Tensor, n_rings: int) -> Tensor:
     """(G, 3, M, K, 2): real and imaginary parts of the series over azimuth of the radiance on a group of rings."""
-    even, odd = kernels.even.to(light), None if kernels.odd is None else kernels.odd.to(light)
-    rows = slice(kernels.first_row, kernels.first_row + even.shape[2])
-    seen = light[: even.shape[1], :, :, rows].permute(2, 0, 1, 3)  # (3, M, 2, E)
-    real, imaginary = torch.matmul(seen, even).unbind(2)
+    rows = slice(kernels.first_row, kernels.first_row + kernels.n_rows)
+    seen = light[: kernels.even.shape[1], :, :, rows].permute(2, 0, 1, 3)  # (3, M, 2, E)
+    even, odd = (
+        None if part is None else torch.matmul(seen, part.to(light).unflatten(2, (kernels.n_rows, -1)))
+        for part in (kernels.even, kernels.odd)
+    )
+    real, imaginary = even.unbind(2)
     if odd is not None:
-        turned = torch.matmul(seen, odd)
-        real, imaginary = real - turned[:, :, 1], imaginary + turned[:, :, 0]
+        real, imaginary = real - odd[:, :, 1], imaginary + odd[:, :, 0]
     return torch.stack([real, imaginary], -1).unflatten(2, (n_rings, -1)).permute(2, 0, 1, 3, 4)
 
 
