@@ -73,10 +73,10 @@ def add_size(parser: argparse.ArgumentParser, default: int | None, text: str) ->
     parser.add_argument("--size", type=whole_number(3, LARGEST_SIZE), default=default, metavar="N", help=text)
 
 
-def add_samples(parser: argparse.ArgumentParser, default: int, text: str) -> None:
-    """`--samples` a pixel."""
-    kind = whole_number(_FEWEST_SAMPLES, _MOST_SAMPLES)
-    parser.add_argument("--samples", type=kind, default=default, metavar="N", help=f"{text}; default: %(default)s")
+def add_samples(parser: argparse.ArgumentParser, default: int | None, text: str) -> None:
+    """`--samples` a pixel; a text whose default is None says what that means."""
+    kind, text = whole_number(_FEWEST_SAMPLES, _MOST_SAMPLES), text if default is None else f"{text}; default: {default}"
+    parser.add_argument("--samples", type=kind, default=default, metavar="N", help=text)
 
 
 class _Direction(argparse.Action):

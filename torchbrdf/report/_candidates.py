@@ -13,11 +13,10 @@ from torchbrdf.view import SphereView, View
 
 def classes_section(evidence: Evidence, view: View) -> str:
     """HTML of a table: the result where it is none of the candidates, and the candidate of every class."""
-    sphere = SphereView(evidence.turned.shape[-1])
     shape = view.mask.cpu()
     found = evidence.found
     observed = exposure_for(evidence.photograph, evidence.used)
-    novel = exposure_for(found.novel, sphere.mask)
+    novel = exposure_for(found.novel, SphereView(found.novel.shape[-1]).mask)
     frontal = stops_for(found.frontal)[1]
     badge = "likeliest" if evidence.averaged else "chosen"
 
@@ -25,6 +24,7 @@ def classes_section(evidence: Evidence, view: View) -> str:
         won = candidate.index == evidence.chosen
         ratio = candidate.error / found.error if found.error > 0 else float("nan")
         names = ", ".join(candidate.leading) or "none"
+        sphere = SphereView(candidate.novel.shape[-1])
         what = "result" if candidate.index is None else f"class {candidate.index}"
         kind = "found" if candidate.index is None else "won" if won else ""
         shots = (

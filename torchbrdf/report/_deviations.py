@@ -10,10 +10,11 @@ from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_basis
 from torchbrdf.transport import BasisImages
+from torchbrdf.transport.harmonic import is_precomputed
 from torchbrdf.view import SphereView
 
 _SPREAD_SIZE, _SPREAD_SAMPLES = 48, 256
-"""Of the basis images under another light, which the standard deviation needs."""
+"""Of the basis images under another light, which the standard deviation needs; samples where they have to be drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ def gather_spread(
     fitted  (3, H, W)  Y w
     size    pixels along a side of the sphere under the probe, at most
     """
-    others = render_basis(library, probe, SphereView(min(size, _SPREAD_SIZE)), samples=_SPREAD_SAMPLES)
+    samples = None if is_precomputed(library) else _SPREAD_SAMPLES
+    others = render_basis(library, probe, SphereView(min(size, _SPREAD_SIZE)), samples=samples)
     radiance = torch.einsum("ns,nsp->sp", result.weights.detach().to(others.packed), others.packed).cpu()
     deviation = others.pack(result.image_std(others).cpu())
     curve = result.posterior.std(retroreflection_rows(library)).T

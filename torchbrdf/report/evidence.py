@@ -16,6 +16,7 @@ from torchbrdf.rendering import render_directional, render_tables
 from torchbrdf.report._albedo import directional_albedo, reflects_too_much
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.transport import BasisImages
+from torchbrdf.transport.harmonic import HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View
 
 LARGE_RESIDUAL = 0.05
@@ -46,7 +47,11 @@ DIRECTIONAL_ANGLES = (0.0, 136.0)
 TURN_DEG = 120.0
 """How far the photograph's own probe is turned about +Y."""
 
-_MAX_PROBE_HEIGHT = 512
+_TURNED_HEIGHT = 128
+"""Rows of the turned probe, which is only shown."""
+
+_CANDIDATE_SIZE = 96
+"""Pixels along a side of the spheres of candidates, at most: they are shown small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +110,9 @@ class Candidate:
     fitted    (3, H, W)  Y w
     table     the BRDF
     clamped   share of measured values at zero, where B w <= 0
-    novel     (3, N, N)  under another light, see `other_light`
-    frontal   (3, M, M)  under a directional light from the camera
+    novel     (3, N, N)  under another light, see `other_light`; smaller where it is not the result, and without the
+              cut at zero of the table's values
+    frontal   (3, N, N)  under a directional light from the camera
     """
 
     index: int | None
@@ -133,7 +139,7 @@ class Evidence:
     channel_errors  |Y w - y| / |y| for R, G, B of the result; NaN where a channel is black
     turned       (3, N, N)  the result under the photograph's probe turned by TURN_DEG
     directional  angle -> (3, M, M)  the result under directional lights, irradiance pi
-    probes       the photograph's probe, another (`other_light`), its own turned
+    probes       the photograph's probe, another (`other_light`), its own turned, of few rows
     distrust     why the shape tells too little (`BasisImages.distrust`), or None
     spread       None with a fixed penalty, which has no posterior
     albedo       (4,)  the result's directional albedo, see `_albedo`
@@ -234,7 +240,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
     """Tables and renderings of the result and of all candidates, on the CPU.
 
     size     pixels along a side of the spheres under light that was not observed
-    samples  light transport samples a pixel for them
+    samples  a pixel, for candidates where the library's harmonic transport was not precomputed
     """
     result, basis, library, probe = subject.result, subject.basis, subject.library, subject.probe.to("cpu")
     used = subject.mask.cpu() & basis.mask.cpu()
@@ -243,7 +249,8 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
     averaged = result.posteriors is not None or not torch.equal(result.weights, result.class_weights[chosen])
     sphere = SphereView(size)
     other = other_light(probe)
-    turned = probe.resized(min(probe.height, _MAX_PROBE_HEIGHT)).rotated(turn_about_y(TURN_DEG))
+    turn = turn_about_y(TURN_DEG)
+    turned = probe.resized(min(probe.height, _TURNED_HEIGHT)).rotated(turn)
 
     k = len(result.class_weights)
     mean, *tables = subject.tables
@@ -253,7 +260,13 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
         tables, weights = [*tables, mean], [*weights, result.weights.detach().cpu().double()]
         squared = [*squared, result.error.detach().cpu()]
     fits = basis.unpack(torch.einsum("kns,nsp->ksp", torch.stack(weights).to(basis.packed), basis.packed)).cpu()
-    novel = render_tables(tables, other, sphere, samples)
+    small = SphereView(min(size, _CANDIDATE_SIZE))
+    final = tables[k if averaged else chosen]
+    under_other, under_turned = table_pictures(final, [(other, None), (probe, turn)], sphere)
+    if is_precomputed(library):
+        novel = HarmonicBasis(library, other, small).images_of(torch.stack(weights)).cpu()
+    else:
+        novel = render_tables(tables, other, small, samples)
     made = tuple(
         Candidate(
             index=j if j < k else None,
@@ -264,8 +277,8 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
             fitted=fits[j],
             table=table,
             clamped=clamped_share(table),
-            novel=novel[j],
-            frontal=render_directional(table, sphere, DIRECTIONAL_ANGLES[0], irradiance=pi),
+            novel=under_other if table is final else novel[j],
+            frontal=render_directional(table, sphere if table is final else small, DIRECTIONAL_ANGLES[0], irradiance=pi),
         )
         for j, table in enumerate(tables)
     )
@@ -281,7 +294,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
         channel_errors=tuple(
             relative_rms(found.fitted[c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
         ),
-        turned=render_tables([found.table], turned, sphere, samples)[0],
+        turned=under_turned,
         directional={
             angle: found.frontal
             if angle == DIRECTIONAL_ANGLES[0]

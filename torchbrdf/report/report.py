@@ -52,7 +52,7 @@ from torchbrdf.view import SphereView, View
 
 _SIZE = 128
 _SAMPLES = 400
-"""Pixels along a side and light samples a pixel of the spheres under light that was not observed."""
+"""Pixels along a side of the spheres under light that was not observed, and samples a pixel, see `gather`."""
 
 _THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
 _N_WEIGHTS = 12
@@ -77,7 +77,7 @@ def write_report(
     observability  what the light and the view can tell at all, for a section of its own
     scene        the whole photograph of a ball, for a section of its own
     size         pixels along a side of the spheres under other light
-    samples      light samples a pixel for them
+    samples      a pixel, for candidates where the library's harmonic transport was not precomputed
     The file is whole or absent.
     """
     evidence, view = gather(subject, size, samples), subject.view

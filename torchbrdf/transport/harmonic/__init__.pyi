@@ -9,6 +9,7 @@ from .grid import (
 )
 from .light import TurningLight as TurningLight
 from .splines import SUPPORT as SUPPORT
+from .tables import table_pictures as table_pictures
 from .transport import (
     HarmonicTransport as HarmonicTransport,
     frequencies_of as frequencies_of,

@@ -1,11 +1,12 @@
-"""The light-independent side of the harmonic transport of single tables: finer than a library's, and not compressed.
+"""The light-independent side of the harmonic transport of a single table: finer than a library's, not compressed.
 
 As in `_kernels`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated. They
-are as many as the knots of the light can tell apart. Docs/transport.md has the errors.
+are as many as the knots of the light can tell apart. Errors: docs/transport.md.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from math import ceil, pi, sin
 
 import numpy as np
@@ -42,11 +43,11 @@ def table_zones() -> tuple[Zone, ...]:
 
 @dataclass(frozen=True)
 class TableKernels:
-    """Of a group of G rings: 2 pi times the conjugate Fourier series over azimuth of K tables' kernels.
+    """Of a group of G rings: 2 pi times the conjugate Fourier series over azimuth of a table's kernels.
 
     first_row, n_rows  splines over elevation first_row, ..., first_row + E - 1
-    even               (3, M, E G K) float32: real parts of each channel; elevations before rings before tables
-    odd                imaginary parts likewise; None where the tables have none
+    even               (3, M, E, G) float32: real parts of each channel
+    odd                imaginary parts likewise; None where there are none
     """
 
     first_row: int
@@ -60,8 +61,8 @@ def table_kernels(
 ) -> TableKernels:
     """The kernels of one group of rings.
 
-    values       (cells, 3 K) float32: f_r, channels before tables
-    symmetric    whether they are the same for phi_d and -phi_d
+    values       (cells, 3) float32: f_r
+    symmetric    whether it is the same for phi_d and -phi_d
     frequencies  of azimuth that are wanted, M at most
     distance     of the camera from a ball in radii; None without perspective
     """
@@ -86,13 +87,16 @@ def table_kernels(
     spread = csc_matrix((by_place.ravel().numpy(), near.ravel().numpy(), ends), shape=shape)
     each = (by_row[:, :, None] * seen[:, None]).flatten(1)
     moments = torch.from_numpy(spread @ each.numpy()).view(-1, n_rows * line * each.shape[1])
-    shifted = (to_rings[:, used].float() @ moments).view(len(rings), n_rows, line, SUPPORT, -1, 3, values.shape[1] // 3)
-    whole = moments.new_zeros(*shifted.shape[4:6], line, n_rows + SUPPORT - 1, *shifted.shape[::6])
+    shifted = (to_rings[:, used].float() @ moments).view(len(rings), n_rows, line, SUPPORT, -1, 3)
+    whole = moments.new_zeros(shifted.shape[4], 3, line, n_rows + SUPPORT - 1, len(rings))
     for i in range(SUPPORT):
-        whole[:, :, :, i : i + n_rows] += shifted[:, :, :, i].permute(3, 4, 2, 1, 0, 5)
+        whole[:, :, :, i : i + n_rows] += shifted[:, :, :, i].permute(3, 4, 2, 1, 0)
     waves = _waves(zone, line, min(frequencies, zone.frequencies))
-    even, *odd = (torch.matmul(wave, part.flatten(2)) for wave, part in zip(waves, whole, strict=False))
-    return TableKernels(low, whole.shape[3], even, *odd)
+    even, *odd = (
+        torch.matmul(wave, part.flatten(2)).view(3, len(wave), -1, len(rings))
+        for wave, part in zip(waves, whole, strict=False)
+    )
+    return TableKernels(low, even.shape[2], even, *odd)
 
 
 def _split(position: Tensor, end: int) -> tuple[Tensor, Tensor]:
@@ -149,7 +153,7 @@ def _meridians(zone: Zone) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]
     edges = ((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)).tolist()
     knot = pi / zone.rows
     parts = []
-    for i, (low, high) in enumerate(zip(edges, edges[1:], strict=False)):
+    for i, (low, high) in enumerate(pairwise(edges)):
         nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(2 * (high - low) / (knot * _STEP))))
         for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
             theta_h = (low + high) / 2 + (high - low) / 2 * node

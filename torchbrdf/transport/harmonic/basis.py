@@ -69,6 +69,19 @@ class HarmonicBasis:
         self._check(weights, rotation)
         return self._image(self._light_at(rotation), weights)
 
+    def images_of(self, weights: Tensor) -> Tensor:
+        """(K, 3, H, W): K images Y w under the probe as it is, for weights (K, n, 3).
+
+        Of an orthographic camera as fast as a few of `image_at`, and with nothing prepared for the view.
+        Raises ValueError for other weights.
+        """
+        for each in weights:
+            self._check(each, None)
+        if in_perspective(self.view):
+            return self.view.unpack(torch.stack([self.image_at(each) for each in weights]))
+        whole = self._whole(weights)
+        return self.view.unpack(self.transport.pictured(self._light_at(None), self._facing, whole))
+
     def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
         """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
 
@@ -111,8 +124,12 @@ class HarmonicBasis:
             checked_rotation(rotation)
 
     def _image(self, light: LightHarmonics, weights: Tensor) -> Tensor:
-        if self._columns is not None:
-            whole = weights.new_zeros(len(self.transport.groups[0].mixing), 3)
-            whole[self._columns] = weights
-            weights = whole
-        return torch.diagonal(self.transport.blended(light, self._facing, weights)).T
+        return torch.diagonal(self.transport.blended(light, self._facing, self._whole(weights))).T
+
+    def _whole(self, weights: Tensor) -> Tensor:
+        """Weights (..., n, 3) of this library's columns as weights of all stored ones."""
+        if self._columns is None:
+            return weights
+        whole = weights.new_zeros(*weights.shape[:-2], len(self.transport.groups[0].mixing), 3)
+        whole[..., self._columns, :] = weights
+        return whole

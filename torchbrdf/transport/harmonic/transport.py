@@ -17,6 +17,7 @@ from torch.nn.functional import embedding_bag
 
 from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._kernels import Kernels
+from torchbrdf.transport.harmonic._polar_grid import PolarGrid
 from torchbrdf.transport.harmonic.grid import zones
 from torchbrdf.transport.harmonic.light import LightHarmonics
 from torchbrdf.transport.harmonic.ring_lookup import RingLookup
@@ -85,6 +86,22 @@ class HarmonicTransport:
         for _, pixels, blends in self._seen(light, view, blend):
             image[:, 3 * pixels.start : 3 * pixels.stop] += blends.T
         return self._in_place(image, view)
+
+    def pictured(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
+        """(K, 3, P) float32: K pictures with weights (K, n, 3), as `blended` has them but with no lookup of the view.
+
+        view  of an orthographic camera
+        """
+        blend = weights.to(self.device, torch.float32).movedim(0, 1).flatten(1)
+        grid = PolarGrid(zones(), blend.shape[1], self.device)
+        contained = [frequencies_of(coefficients) for coefficients, _ in light]
+        for group in self.groups:
+            series = spectrum(group, light[group.zone], contained[group.zone], group.mixes(blend))
+            own = torch.diagonal(series.unflatten(-1, (-1, 3)), dim1=3, dim2=5)  # each in its own colour of the light
+            interpolated = torch.sinc(torch.arange(len(own), device=own.device) / group.places).square()
+            rings = range(group.first_ring, group.first_ring + group.n_rings)
+            grid.add(zones()[group.zone], rings, (own.permute(2, 3, 4, 0, 1).flatten(1, 2) * interpolated[:, None]))
+        return grid.seen_by(view).unflatten(0, (-1, 3))
 
     def _seen(
         self, light: LightHarmonics, view: View, blend: Tensor | None = None

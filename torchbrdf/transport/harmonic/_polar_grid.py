@@ -1,0 +1,100 @@
+"""Radiance on a polar grid of normals, and from there to the pixels of a view, with nothing prepared for the view."""
+
+from collections.abc import Sequence
+from math import pi
+
+import torch
+from torch import Tensor
+from torch.nn.functional import grid_sample
+
+from torchbrdf.transport.harmonic.grid import Zone
+from torchbrdf.transport.harmonic.splines import SUPPORT
+from torchbrdf.transport.harmonic.views import in_perspective
+from torchbrdf.view import View
+
+_PER_INTERVAL = 2
+"""Rows between two rings of the finest zone."""
+
+_PLACES = 4
+"""Places along a row for each of the highest frequency."""
+
+_SPACING = 2e-3
+"""Between points inside a pixel, on the disc of a sphere of radius 1, of normals half way to the mirrored direction."""
+
+_POINTS = (2, 4, 6, 8, 12, 16, 24)
+"""Points along a side of a pixel that are used."""
+
+_POINTS_AT_ONCE = 1 << 20
+
+
+class PolarGrid:
+    """Fourier series over azimuth of C pictures, summed over zones.
+
+    The grid's rows are polar angles of normals, half way between +Z and the mirror direction as on the rings of `grid`.
+    """
+
+    def __init__(self, zones: Sequence[Zone], pictures: int, device: torch.device) -> None:
+        """Dark, as fine as the finest of the zones."""
+        self._finest = max(zones, key=lambda zone: zone.rows)
+        rows = torch.arange(_PER_INTERVAL * self._finest.intervals + 1, dtype=torch.float64) / _PER_INTERVAL
+        self._gamma = self._finest.ring_angle(rows)
+        self._series = torch.zeros(len(rows), pictures, self._finest.frequencies, 2, device=device)
+
+    def add(self, zone: Zone, rings: range, series: Tensor) -> None:
+        """Add (G, C, M, 2), real and imaginary parts on a group of rings, as moments over the image."""
+        dual = zone.ring_dual[:, rings.start : rings.stop]
+        first, weights = zone.ring_splines(self._gamma)
+        to_rows = torch.einsum("hk,hkg->hg", weights, dual[first[:, None] + torch.arange(SUPPORT)]).to(series)
+        touched = torch.nonzero((to_rows != 0).any(1)).ravel()
+        rows = slice(int(touched[0]), int(touched[-1]) + 1)
+        found = (to_rows[rows] @ series.flatten(1)).view(-1, *series.shape[1:])
+        self._series[rows, :, : series.shape[2]] += found
+
+    def seen_by(self, view: View) -> Tensor:
+        """(C, P): averages over the area of each pixel of a view that is `facing` the shape."""
+        radiance = self._radiance()
+        pixels = view.pixels.cpu()
+        packed = radiance.new_zeros(len(radiance), len(pixels))
+        points = _points_of(view, pixels)
+        for n in points.unique().tolist():
+            for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
+                places, lit = self._places(view, pixels[some], (torch.arange(n) + 0.5) / n, radiance.shape)
+                seen = grid_sample(radiance[None], places[None].to(radiance), align_corners=True)[0]
+                share = lit.to(radiance) / n**2  # a normal that faces away is dark
+                packed[:, some.to(packed.device)] = torch.einsum("cqs,qs->cq", seen, share)
+        return packed
+
+    def _radiance(self) -> Tensor:
+        """(C, H, A + 1), the first of A azimuths repeated at the end."""
+        frequencies = self._series.shape[2]
+        places = _PLACES * (frequencies - 1)
+        between = torch.sinc(torch.arange(frequencies, device=self._series.device) / places).square()
+        waves = torch.view_as_complex(self._series) / between  # what linear interpolation between places costs
+        radiance = torch.fft.irfft(waves, n=places, norm="forward").transpose(0, 1)
+        return torch.cat([radiance, radiance[..., :1]], -1)
+
+    def _places(self, view: View, pixels: Tensor, at: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
+        """(P, n n, 2): where `grid_sample` finds the points of pixels; and which are not turned away."""
+        (x, y, z), toward = _inside(view, pixels, at)
+        gamma = torch.atan2(torch.hypot(x, y), z)
+        if in_perspective(view):
+            gamma = gamma + torch.atan2(torch.hypot(toward[0], toward[1]), toward[2]) / 2
+        _, height, width = shape
+        row = _PER_INTERVAL * self._finest.ring_coordinate(gamma.clamp(0, pi / 2)).to(gamma)
+        column = torch.remainder(torch.atan2(y, x) * ((width - 1) / (2 * pi)), width - 1)
+        return torch.stack([column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1], -1), z > 0
+
+
+def _points_of(view: View, pixels: Tensor) -> Tensor:
+    """(P,) int64: how many points along a side of each pixel."""
+    normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98]))[0]
+    reach = 2 * (normals - normals[..., 4:5])[:2].norm(dim=0).amax(1)
+    counts = torch.tensor(_POINTS)
+    return counts[torch.bucketize(reach / _SPACING, counts).clamp_max(len(counts) - 1)]
+
+
+def _inside(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+    """Normals and view directions (3, P, n n) at a grid of n x n places inside pixels."""
+    v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
+    points = view.surface(pixels, u, v)
+    return points.normals, points.view_dirs
