@@ -471,3 +471,17 @@ class TestViews:
         sphere = SphereView(12, fov_deg=30)
         with pytest.raises(ValueError, match="not orthographic"):
             harmonic(library, lamps(), NormalMapView(sphere.normals, sphere.mask, sphere.view_dirs))
+
+
+def test_several_pictures_are_those_of_their_weights(library: MaterialLibrary) -> None:
+    weights = torch.rand(2, library.n, 3, generator=torch.Generator().manual_seed(0))
+    basis = HarmonicBasis(library, lamps(64), SPHERE)
+    expected = torch.stack([SPHERE.unpack(basis.image_at(each)) for each in weights])
+    assert relative(basis.images_of(weights), expected) < 2e-3
+
+
+def test_several_pictures_of_some_materials(library: MaterialLibrary) -> None:
+    some = library.subset(["swirl", "matte"])
+    weights = torch.rand(1, some.n, 3, generator=torch.Generator().manual_seed(0))
+    basis = HarmonicBasis(some, lamps(64), SPHERE)
+    assert relative(basis.images_of(weights)[0], SPHERE.unpack(basis.image_at(weights[0]))) < 2e-3

@@ -7,7 +7,7 @@ are as many as the knots of the light can tell apart. Errors: docs/transport.md.
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from math import ceil, pi, sin
+from math import ceil, pi
 
 import numpy as np
 import torch
@@ -152,22 +152,22 @@ def _meridians(zone: Zone) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]
     """Sine and cosine of theta_h and of phi_h, the measure times the zone's window, and the first cell of the row."""
     edges = ((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)).tolist()
     knot = pi / zone.rows
-    parts = []
+    points = []
     for i, (low, high) in enumerate(pairwise(edges)):
-        nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(2 * (high - low) / (knot * _STEP))))
-        for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
-            theta_h = (low + high) / 2 + (high - low) / 2 * node
-            window = float(zone.window(torch.tensor(theta_h)))
-            if window > 0:
-                passed = pi * sin(min(2 * theta_h, pi / 2)) / knot
-                n = max(_FEWEST_AZIMUTHS, ceil(_AZIMUTHS[zone.index] * passed))
-                phi_h = (torch.arange(n, dtype=torch.float64) + 0.5) * (pi / n)
-                measure = (high - low) / 2 * weight * sin(theta_h) * window * (pi / n)
-                parts.append((torch.full_like(phi_h, theta_h), phi_h, torch.full_like(phi_h, measure), i))
-    theta_h, phi_h, measure = (torch.cat([part[k] for part in parts]) for k in range(3))
-    row = torch.cat([torch.full((len(part[0]),), part[3] * GRID[1] * GRID[2], dtype=torch.int32) for part in parts])
+        if low < zone.reach:
+            middle, half = (high + low) / 2, (high - low) / 2
+            nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(4 * half / (knot * _STEP))))
+            points += [(i, middle + half * node, half * weight) for node, weight in zip(nodes, weights, strict=True)]
+    row, meridian, step = (torch.tensor(each, dtype=torch.float64) for each in zip(*points, strict=True))
+    passed = pi * torch.sin((2 * meridian).clamp_max(pi / 2)) / knot
+    count = (_AZIMUTHS[zone.index] * passed).ceil().clamp_min(_FEWEST_AZIMUTHS)
+    measure = step * torch.sin(meridian) * zone.window(meridian) * (pi / count)
+    count = torch.where(measure > 0, count, 0).long()
+    theta_h, measure, apart = (each.repeat_interleave(count) for each in (meridian, measure, pi / count))
+    phi_h = (torch.cat([torch.arange(n) for n in count.tolist()]) + 0.5) * apart
+    first = (GRID[1] * GRID[2] * row.int()).repeat_interleave(count)
     waves = [(torch.sin(angle).float(), torch.cos(angle).float()) for angle in (theta_h, phi_h)]
-    return waves[0], waves[1], measure.float(), row
+    return waves[0], waves[1], measure.float(), first
 
 
 @lru_cache(maxsize=128)

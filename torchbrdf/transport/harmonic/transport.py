@@ -93,14 +93,15 @@ class HarmonicTransport:
         view  of an orthographic camera
         """
         blend = weights.to(self.device, torch.float32).movedim(0, 1).flatten(1)
-        grid = PolarGrid(zones(), blend.shape[1], self.device)
+        all_zones = zones()
+        grid = PolarGrid(all_zones, blend.shape[1], self.device)
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
         for group in self.groups:
             series = spectrum(group, light[group.zone], contained[group.zone], group.mixes(blend))
             own = torch.diagonal(series.unflatten(-1, (-1, 3)), dim1=3, dim2=5)  # each in its own colour of the light
             interpolated = torch.sinc(torch.arange(len(own), device=own.device) / group.places).square()
             rings = range(group.first_ring, group.first_ring + group.n_rings)
-            grid.add(zones()[group.zone], rings, (own.permute(2, 3, 4, 0, 1).flatten(1, 2) * interpolated[:, None]))
+            grid.add(all_zones[group.zone], rings, own.permute(2, 3, 4, 0, 1).flatten(1, 2) * interpolated[:, None])
         return grid.seen_by(view).unflatten(0, (-1, 3))
 
     def _seen(

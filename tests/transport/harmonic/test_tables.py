@@ -1,0 +1,86 @@
+"""Pictures of single tables by the harmonic transport: closed forms, the sampled transport as an oracle, refusals."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+from materials import TINY_MATERIALS, lambert
+from probes import lamps, relative
+from torchbrdf.brdf.directions import half_difference
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.light.probe import LightProbe
+from torchbrdf.rendering.tables import render, render_tables
+from torchbrdf.transport.harmonic.tables import table_pictures
+from torchbrdf.view.sphere import SphereView
+from torchbrdf.view.view import View
+from turns import turn_about
+
+SPHERE = SphereView(16)
+ALBEDO = (0.8, 0.5, 0.2)
+
+MOST = 5e-3
+"""Relative error; the sampled transport's own is 0.1 to 0.3 %."""
+
+
+def swirl(w_i: Tensor, w_o: Tensor) -> Tensor:
+    """f_r that tells phi_d from -phi_d."""
+    _, theta_d, phi_d = half_difference(w_i, w_o)
+    wave = 1 + 0.9 * torch.sin(2 * phi_d) * torch.sin(2 * theta_d)
+    return (wave / math.pi)[..., None].expand(*wave.shape, 3)
+
+
+def table_of(f_r: Callable[[Tensor, Tensor], Tensor]) -> MerlTable:
+    return MerlTable.from_function(f_r, "table")
+
+
+def differs(f_r: Callable[[Tensor, Tensor], Tensor], view: View, probe: LightProbe) -> float:
+    table = table_of(f_r)
+    return relative(render(table, probe, view), render_tables([table], probe, view, samples=16384)[0])
+
+
+def test_uniform_light_shows_the_albedo() -> None:
+    picture = render(table_of(lambert(*ALBEDO)), LightProbe(torch.ones(3, 32, 64)), SPHERE)
+    expected = torch.tensor(ALBEDO)[:, None, None] * SPHERE.mask
+    assert relative(picture, expected) < 1e-3
+
+
+@pytest.mark.parametrize("f_r", [swirl, TINY_MATERIALS["copper-0.08"]], ids=["asymmetric", "close to a mirror"])
+def test_agrees_with_samples(f_r: Callable[[Tensor, Tensor], Tensor]) -> None:
+    assert differs(f_r, SPHERE, lamps(64)) < MOST
+
+
+@pytest.mark.parametrize("view", [SphereView(16, 15.0), SphereView(16, 8.0, (0.3, -0.2, -1.0))], ids=repr)
+def test_balls_in_perspective_agree_with_samples(view: SphereView) -> None:
+    assert differs(TINY_MATERIALS["satin-0.35"], view, lamps(64)) < MOST
+
+
+def test_each_light_is_turned_by_its_own_rotation() -> None:
+    table, turn = table_of(TINY_MATERIALS["satin-0.35"]), turn_about((0.3, 1.0, 0.2), 70.0)
+    probe = lamps(64)
+    upright, turned = table_pictures(table, [(probe, None), (probe, turn)], SPHERE)
+    assert relative(upright, render(table, probe, SPHERE)) < 1e-5
+    assert relative(turned, render(table, probe.rotated(turn), SPHERE)) < 2e-2  # whose texels are resampled
+
+
+def test_gradients_reach_the_light() -> None:
+    """A picture is linear in the radiance, so its sum is the gradient's product with it."""
+    radiance = lamps(32).radiance.requires_grad_()
+    total = render(table_of(lambert(*ALBEDO)), LightProbe(radiance), SPHERE).sum()
+    total.backward()
+    assert float((radiance.grad * radiance).sum()) == pytest.approx(float(total), rel=1e-4)
+
+
+def test_a_number_of_samples_asks_for_sampling() -> None:
+    table, probe = table_of(lambert(*ALBEDO)), lamps(32)
+    expected = render_tables([table], probe, SPHERE, samples=64, seed=3)[0]
+    assert torch.equal(render(table, probe, SPHERE, samples=64, seed=3), expected)
+
+
+def test_a_near_ball_is_sampled() -> None:
+    table, probe, near = table_of(lambert(*ALBEDO)), LightProbe(torch.ones(3, 8, 16)), SphereView(16, 60.0)
+    with pytest.raises(ValueError, match="nearer than 6"):
+        table_pictures(table, [(probe, None)], near)
+    assert float(render(table, probe, near)[0][near.mask[0]].mean()) == pytest.approx(ALBEDO[0], rel=0.02)
