@@ -110,8 +110,14 @@ class Mixture:
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> "Mixture":
         """The inverse of `tensors`."""
-        history, converged = tuple(tensors["history"].tolist()), bool(tensors["converged"])
-        return cls(**{**tensors, "history": history, "converged": converged})
+        return cls(
+            mixing=tensors["mixing"],
+            means=tensors["means"],
+            covariances=tensors["covariances"],
+            responsibilities=tensors["responsibilities"],
+            history=tuple(tensors["history"].tolist()),
+            converged=bool(tensors["converged"]),
+        )
 
 
 def expectation_maximisation(x: Tensor, labels: Tensor, k: int) -> Mixture:
