@@ -1,6 +1,7 @@
 import itertools
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -330,3 +331,21 @@ class TestDegenerate:
         library = MaterialLibrary.from_tables(scaled_copies(tiny_tables["red"], [0.0] * 3))
         with pytest.raises(ValueError, match="every basis BRDF is zero"):
             MaterialClasses.fit(library)
+
+
+class TestKept:
+    def test_the_second_fit_reads_the_first(self, default_library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch):
+        first = MaterialClasses.fit(default_library, seed=7)
+        monkeypatch.setattr("torchbrdf.estimation.classes.fit_mixture", lambda *_: pytest.fail("fitted again"))
+        second = MaterialClasses.fit(default_library, seed=7)
+        assert second.history == first.history
+        assert second.converged == first.converged
+        assert all(torch.equal(value, first.state_dict()[name]) for name, value in second.state_dict().items())
+
+    def test_a_damaged_file_is_not_read(self, default_library: MaterialLibrary, own_cache: Path):
+        first = MaterialClasses.fit(default_library, seed=8)
+        for path in (own_cache / "classes").iterdir():
+            content = bytearray(path.read_bytes())
+            content[-9] ^= 0x40
+            path.write_bytes(content)
+        assert torch.equal(MaterialClasses.fit(default_library, seed=8).means, first.means)

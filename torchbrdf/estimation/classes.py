@@ -2,13 +2,14 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import log, pi
 
 import torch
 from torch import Tensor, nn
 
 from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.estimation._mixture_cache import remembered
 from torchbrdf.estimation.settings import N_CLASSES, N_DIMS
 
 _STARTS = 64
@@ -100,6 +101,24 @@ class Mixture:
     history: tuple[float, ...]
     converged: bool
 
+    @property
+    def tensors(self) -> dict[str, Tensor]:
+        """All of it as float64 tensors."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: torch.as_tensor(value, dtype=torch.float64) for name, value in values.items()}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> "Mixture":
+        """The inverse of `tensors`."""
+        return cls(
+            mixing=tensors["mixing"],
+            means=tensors["means"],
+            covariances=tensors["covariances"],
+            responsibilities=tensors["responsibilities"],
+            history=tuple(tensors["history"].tolist()),
+            converged=bool(tensors["converged"]),
+        )
+
 
 def expectation_maximisation(x: Tensor, labels: Tensor, k: int) -> Mixture:
     """EM from a partition of the points x (n, N) float64 [CBP21, eqs. 13-17]."""
@@ -156,6 +175,22 @@ def _dullest_first(mixture: Mixture) -> Mixture:
     )
 
 
+def _fitted(library: MaterialLibrary, x: Tensor, n_classes: int, seed: int, smallest: int) -> tuple[int, Mixture]:
+    """The largest number of classes that the library supports, and their mixture; on disk, as the library itself is."""
+
+    def fit() -> Mixture:
+        fits = (fit_mixture(x, k, seed, smallest) for k in range(n_classes, 0, -1))
+        return next(mixture for mixture in fits if mixture is not None)
+
+    if library.stored.mapping is None:
+        mixture = fit()
+    else:
+        settings = [_STARTS, _MAX_ITERATIONS, _TOLERANCE, _COINCIDENT, _RELATIVE_FLOOR]
+        depends = [library.source, library.names, n_classes, seed, smallest, *settings]
+        mixture = Mixture.from_tensors(remembered(depends, lambda: fit().tensors))
+    return len(mixture.mixing), mixture
+
+
 class MaterialClasses(nn.Module):
     """Which of K material classes each basis BRDF belongs to [CBP21, sec. IV].
 
@@ -201,8 +236,7 @@ class MaterialClasses(nn.Module):
         if not x.abs().amax() > 0:
             raise ValueError(f"{library!r}: every basis BRDF is zero; there is nothing to classify")
         smallest = n_dims + 1
-        fits = ((k, fit_mixture(x, k, seed, smallest)) for k in range(n_classes, 0, -1))
-        k, mixture = next((k, mixture) for k, mixture in fits if mixture is not None)
+        k, mixture = _fitted(library, x, n_classes, seed, smallest)
         if k < n_classes:
             warnings.warn(
                 f"{library!r} supports {k} material class{'es' if k > 1 else ''}, not {n_classes}: no partition of its "

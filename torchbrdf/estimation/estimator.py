@@ -239,8 +239,7 @@ class BRDFEstimator(nn.Module):
         bank, whole = self._bank_of(used), bool(used.all())
         found = bank.explain(y if whole else y[..., used])
         k = self.classes.n_classes
-        parts = found.components(found.of_penalties)
-        weights, class_weights = found.averaged(parts), parts[:, :k]
+        weights, class_weights = found.mean_and_first(k)
         optimality = weights.new_zeros(len(weights), 3)
         if self.constraint is not None and len(weights):
             closest = constrain(weights, found.precision(found.shares), self.constraint, self._bounds)

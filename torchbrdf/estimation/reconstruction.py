@@ -88,11 +88,15 @@ class Reconstruction:
         self._check(library)
         return library.combine(self.weights, "reconstruction")
 
-    def tables(self, library: MaterialLibrary) -> list[MerlTable]:
-        """`brdf` and then every class's `candidate`, in the time of little more than one of them."""
+    def tables(self, library: MaterialLibrary, keep: bool = True) -> list[MerlTable]:
+        """`brdf` and then every class's `candidate`, in the time of little more than one of them.
+
+        keep  whether the library's columns stay in memory, see `StoredColumns.blocks`
+        """
         self._check(library)
         weights = torch.cat([self.weights[None], self.class_weights])
-        return library.combine_each(weights, ["reconstruction", *(f"class {j}" for j in range(len(weights) - 1))])
+        names = ["reconstruction", *(f"class {j}" for j in range(len(weights) - 1))]
+        return library.combine_each(weights, names, keep)
 
     def image_std(self, basis: BasisImages) -> Tensor:
         """(3, H, W): standard deviation of every pixel of the material rendered with basis images of any probe.

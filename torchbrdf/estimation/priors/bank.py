@@ -79,7 +79,7 @@ class PriorBank:
         values = values.clamp_min(0)
         trace = values.sum(-1, keepdim=True) / n
         penalties = PENALTIES.to(values.device) * torch.where(trace > 0, trace, 1)
-        mean_images = torch.einsum("msrk,srn,mn->msk", vectors, space.r, means)
+        mean_images = (vectors.mT @ (space.r @ means.mT).permute(2, 0, 1)[..., None])[..., 0]
         damping = penalties[..., None] / (values[..., None, :] + penalties[..., None])
         return cls(space, variances, means, values, vectors, penalties, mean_images, damping, correlation)
 
@@ -164,21 +164,34 @@ class Explanation:
     @property
     def mean(self) -> Tensor:
         """(B, 3, n): the posterior mean of the weights."""
-        return self.averaged(self.components(self.of_penalties))
+        return self.mean_and_first(0)[0]
 
-    def averaged(self, parts: Tensor) -> Tensor:
-        """(B, 3, n): what every prior says (B, M, 3, n), weighted by its probability."""
-        return (self.of_priors[..., None, None] * parts).sum(1)
+    def mean_and_first(self, count: int) -> tuple[Tensor, Tensor]:
+        """The posterior mean (B, 3, n), and what each of the first K priors says alone (B, K, 3, n)."""
+        bank, towards, level = self.bank, *self._filtered(self.of_penalties)
+        first = self._weights(towards[:, :count], level[:, :count])
+        probability = self.of_priors.mT  # (M, B)
+        deviations = ((towards * probability[..., None]).flatten(1, 2) @ bank.space.r).unflatten(1, towards.shape[1:3])
+        deviation = deviations.mul_(bank.variances[:, None]).sum(1)  # in place: this is all of the memory
+        return (deviation + (level * probability).mT @ bank.means).transpose(0, 1), first
 
     def components(self, shares: Tensor) -> Tensor:
         """Each prior's part (B, M, 3, n) of the posterior mean, for shares (B, M, L)."""
+        return self._weights(*self._filtered(shares))
+
+    def _filtered(self, shares: Tensor) -> tuple[Tensor, Tensor]:
+        """Of each prior's part level mu + S R^T t, for shares (B, M, L): t (3, M, B, r), and the level (3, M, B)."""
         bank = self.bank
         weight = shares.transpose(0, 1)[:, None] / bank.penalties[:, :, None]  # (M, 3, B, L)
         filtered = (weight @ bank.damping) * self.deviation.movedim(0, 2)
-        towards = (filtered @ bank.vectors.mT).transpose(0, 1)  # (3, M, B, r): one product with R for all of them
+        towards = (filtered @ bank.vectors.mT).transpose(0, 1)
+        return towards, shares.sum(-1).mT * self.brightness.movedim(0, -1).transpose(0, 1)
+
+    def _weights(self, towards: Tensor, level: Tensor) -> Tensor:
+        """(B, M, 3, n) of the first M priors from what `_filtered` gives, by one product with R for all of them."""
+        bank, count = self.bank, towards.shape[1]
         deviations = (towards.flatten(1, 2) @ bank.space.r).unflatten(1, towards.shape[1:3])
-        level = shares.sum(-1).mT * self.brightness.movedim(0, -1).transpose(0, 1)  # (3, M, B)
-        parts = bank.variances[:, None] * deviations + level[..., None] * bank.means[:, None]
+        parts = bank.variances[:count, None] * deviations + level[..., None] * bank.means[:count, None]
         return parts.permute(2, 1, 0, 3)
 
     def precision(self, shares: Tensor) -> Tensor:
