@@ -95,7 +95,7 @@ class Subject:
     @cached_property
     def tables(self) -> list[MerlTable]:
         """The result, and then the candidate of every class."""
-        return self.result.tables(self.library)
+        return self.result.tables(self.library, keep=False)
 
 
 @dataclass(frozen=True, eq=False)
