@@ -13,41 +13,32 @@ every module of torchbrdf and every package that it has loaded at its end. The m
 
 Errors: of a fit, the relative RMS difference of a rendering of its table to that of the photographed material under
 the light turned by 180 degrees, of a material that no combination of the library gives; of a rendering, that to a
-converged one (speed/references.py), in one pixel of 16.
+converged one (speed/references.py), whose own error is beside it.
 
 --folder keeps caches, inputs, references and the rows of earlier runs: what --only leaves out comes from there. With
 five runs all rows take about an hour, half of it the rival's. The rival's own hundred fits are three, times 33.
 """
 
 import argparse
-import json
-import os
 import statistics
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
-from speed.checkouts import ROOT, Checkout, machine
-from speed.inputs import SIZE, Inputs
+from speed.checkouts import Checkout, add_options, both, machine
+from speed.judging import Judge
 from speed.processes import Finished
-from speed.references import References
 from speed.rows import Row, kept, publish, report, verdict
+from speed.settings import RENDERED_UNDER
 from torchbrdf.brdf import MerlTable, cell_difference
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
-from torchbrdf.files import cache_folder
-from torchbrdf.images import read_image, relative_rms
-from torchbrdf.light import LightProbe
-from torchbrdf.rendering import render
-from torchbrdf.view import SphereView
+from torchbrdf.images import read_image
 
-PICTURE = 256
 FEW = 3
 """Photographs that a version without batches fits one by one, and that are judged of a batch."""
-
-RENDERED_UNDER = ("smooth", "lamps")
 
 MEMORY = 1.2e9 / 2**20
 """MiB that `fit` may take, the mapped cache included."""
@@ -98,21 +89,15 @@ class Bench:
 
     now: Checkout
     before: Checkout
-    inputs: Inputs
-    references: References
-
-    @cached_property
-    def light(self) -> LightProbe:
-        """Under which fits are judged."""
-        return self.inputs.novel_probe
+    judge: Judge
 
     def cases(self) -> list[Case]:
         """All rows, in the order of the table."""
-        photograph = str(self.inputs.photographs[0])
+        inputs, fitted = self.judge.inputs, self.judge.tables
+        photograph = str(inputs.photographs[0])
         fitting = ["fit", photograph, "--probe", "default", "-o", "fitted"]
-        table = str(self.inputs.tables["matte"])
-        rendering = ["render", table, "--probe", str(self.inputs.probes["smooth"]), "-o", "rendered.exr"]
-        fitted = partial(fits_error, self)
+        table = str(inputs.tables["matte"])
+        rendering = ["render", table, "--probe", str(inputs.probes["smooth"]), "-o", "rendered.exr"]
         found = [
             Case("yardstick", YARDSTICK, partial(importing, ["torch"])),
             Case("version", "`--version`", lambda _: Work([["--version"]])),
@@ -139,8 +124,8 @@ class Bench:
             Case("align", "`fit --align`", lambda _: Work([[*fitting, "--align"]], ["fitted"]), judge=fitted),
         ]
         for light in RENDERED_UNDER:
-            for name, path in self.inputs.tables.items():
-                command = ["render", str(path), "--probe", str(self.inputs.probes[light]), "-o", "rendered.exr"]
+            for name, path in inputs.tables.items():
+                command = ["render", str(path), "--probe", str(inputs.probes[light]), "-o", "rendered.exr"]
                 found.append(
                     Case(
                         "render",
@@ -148,7 +133,7 @@ class Bench:
                         lambda _, command=command: Work([command], ["rendered.exr"]),
                         lambda s: s[IMPORTED.format("of `render`")] + 2,
                         IMPORTED.format("of `render`"),
-                        partial(picture_error, self, name, light),
+                        partial(picture_error, self.judge, name, light),
                     )
                 )
         found += [
@@ -168,13 +153,13 @@ class Bench:
     def importing(self, command: Command, version: Checkout) -> Work:
         """The imports of a command."""
         with tempfile.TemporaryDirectory(prefix="torchbrdf-imports-") as folder:
-            version.run(["-m", "speed.imports", "modules.json", *command], Path(folder))
-            names = json.loads((Path(folder) / "modules.json").read_text())
+            version.run(["-m", "speed.imports", "--of", "modules.txt", *command], Path(folder))
+            names = (Path(folder) / "modules.txt").read_text().split()
         return importing(names, version)
 
     def hundred(self, version: Checkout) -> Work:
         """All photographs at once, or a few one by one."""
-        photographs = [str(path) for path in self.inputs.photographs]
+        photographs = [str(path) for path in self.judge.inputs.photographs]
         quiet = ["--no-report"] if silent(version) else []
         if version.offers("fit", "photo ..."):
             command = ["fit", *photographs, "--probe", "default", *quiet, "-o", "fitted"]
@@ -212,30 +197,12 @@ def perspective(version: Checkout) -> Work | str:
 
 def importing(names: Sequence[str], _: Checkout) -> Work:
     """Modules by their names, passed over where one cannot be imported by it."""
-    code = (
-        "import contextlib, importlib\n"
-        f"for name in {list(names)!r}:\n    with contextlib.suppress(ImportError):\n        importlib.import_module(name)"
-    )
-    return Work([["-c", code]])
+    return Work([["-m", "speed.imports", *names]])
 
 
-def fits_error(bench: Bench, results: list[Path]) -> str:
-    """Mean over the results, which are of the first photographs."""
-    view, truth = SphereView(SIZE), bench.inputs.tensor("novel")
-    errors = [
-        relative_rms(render(MerlTable.open(folder / "brdf.binary"), bench.light, view, 4096), truth[i], view.mask)
-        for i, folder in enumerate(results)
-    ]
-    return f"{statistics.mean(errors):.2%}"
-
-
-def picture_error(bench: Bench, table: str, light: str, results: list[Path]) -> str:
+def picture_error(judge: Judge, table: str, light: str, results: list[Path]) -> str:
     """Of a rendering, and of what it is compared with."""
-    tables = bench.inputs.tables
-    reference, view = bench.references.tables(tables, LightProbe.open(bench.inputs.probes[light]), PICTURE)
-    k = list(tables).index(table)
-    error = float(reference.errors(view.pack(read_image(results[0]))[None].expand_as(reference.images))[k])
-    return f"{error:.2%} ± {float(reference.own[k]):.2%}"
+    return judge.picture(read_image(results[0]), table, light)
 
 
 def once(version: Checkout, work: Work, folder: Path) -> tuple[float, Finished]:
@@ -247,7 +214,7 @@ def once(version: Checkout, work: Work, folder: Path) -> tuple[float, Finished]:
         if work.cache == "library":
             version.expanded(cache)
     done = [
-        version.run(command if command[0] == "-c" else ["-m", "torchbrdf.cli", *command], folder, cache)
+        version.run(command if command[0] == "-m" else ["-m", "torchbrdf.cli", *command], folder, cache)
         for command in work.commands
     ]
     return work.times * sum(one.seconds for one in done), max(done, key=lambda one: one.peak)
@@ -309,15 +276,10 @@ def rows(bench: Bench, groups: Sequence[str], runs: int) -> Iterator[Row]:
 
 
 def run(options: argparse.Namespace) -> None:
-    folder = options.folder.resolve()
-    folder.mkdir(parents=True, exist_ok=True)
-    now, before = Checkout.of("now", str(ROOT), folder), Checkout.of("rival", str(options.rival), folder)
-    for version in (before, now):
-        version.prepare(folder)
-    os.environ["TORCHBRDF_CACHE"] = str(now.cache)
-    bench = Bench(now, before, Inputs.of(folder), References(folder / "references"))
+    now, before = both(options)
+    bench = Bench(now, before, Judge.of(options.folder))
     order = [case.what for case in bench.cases()]
-    found = kept(folder / "commands.json", rows(bench, options.only, options.runs), order)
+    found = kept(options.folder / "commands.json", rows(bench, options.only, options.runs), order)
     about = f"{machine()}; medians of {options.runs} processes each; {now.name} beside {before.name}."
     publish(report(found, about, now.name, before.name), options.document)
 
@@ -327,13 +289,9 @@ GROUPS = ("version", "imports", "fit", "no-report", "hundred", "align", "render"
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser.of_script(__doc__)
-    parser.add_argument("--rival", type=Path, required=True, help="root of its checkout, or a python that has it")
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, metavar="ROWS", help=", ".join(GROUPS))
     parser.add_argument("--runs", type=int, default=5, help="of each version; default: %(default)s")
-    parser.add_argument(
-        "--folder", type=Path, default=cache_folder() / "benchmarks", help="of caches and inputs; default: %(default)s"
-    )
-    parser.add_argument("--document", type=Path, help="page between whose markers the table is put")
+    add_options(parser)
     return exit_status("commands", run, parser.parse_args(argv), RESUMABLE)
 
 

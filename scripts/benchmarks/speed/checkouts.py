@@ -1,5 +1,6 @@
 """The version that is measured and its rival: who imports them, and the caches that each has for itself."""
 
+import argparse
 import os
 import platform
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from compare_versions import Version
 from speed.processes import Finished, finished
+from torchbrdf.files import cache_folder
 
 ROOT = Path(__file__).resolve().parents[3]
 """Of this repository."""
@@ -35,7 +37,7 @@ class Checkout:
 
     @classmethod
     def of(cls, role: str, argument: str, folder: Path) -> "Checkout":
-        """From the root of a checkout, or the python executable of an environment; its cache is a folder in `folder`."""
+        """From the root of a checkout, or the python of an environment; its cache will be a folder in `folder`."""
         version = Version.of(role, argument)
         code = "import torchbrdf; print(torchbrdf.__version__); print(torchbrdf.__file__)"
         environment = _environment(version, folder)
@@ -95,6 +97,34 @@ def _linked(source: str, target: str) -> str:
     except OSError:
         shutil.copy2(source, target)
     return target
+
+
+def add_options(parser: argparse.ArgumentParser, rival: bool = True) -> None:
+    """What the benchmarks of speed share: the rival, a folder, the page that is written."""
+    if rival:
+        text = "root of the checkout of another version, or a python that has it"
+        parser.add_argument("--rival", required=True, help=text)
+    text = "of caches, inputs, references and earlier rows; default: %(default)s"
+    parser.add_argument("--folder", type=Path, default=cache_folder() / "benchmarks", help=text)
+    parser.add_argument("--document", type=Path, help="page between whose markers the table is put")
+
+
+def this(options: argparse.Namespace) -> Checkout:
+    """This repository, with warm caches, which this process reads from now on, too."""
+    options.folder = options.folder.resolve()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    version = Checkout.of("now", str(ROOT), options.folder)
+    version.prepare(options.folder)
+    os.environ["TORCHBRDF_CACHE"] = str(version.cache)
+    return version
+
+
+def both(options: argparse.Namespace) -> tuple[Checkout, Checkout]:
+    """This repository and the rival, with warm caches."""
+    version = this(options)
+    rival = Checkout.of("rival", options.rival, options.folder)
+    rival.prepare(options.folder)
+    return version, rival
 
 
 def machine() -> str:

@@ -8,20 +8,12 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from speed.settings import PROBES, SIZE, TABLES
 from torchbrdf.experiments import SHARED, open_probes, tilt
 from torchbrdf.files import replacing_folder
 from torchbrdf.transport import render_columns
 
-SIZE = 64
-"""Pixels across a photograph."""
-
 PHOTOGRAPHS, NOISE = 100, 0.01
-TABLES = {"matte": "pink-felt", "glossy": "red-metallic-paint", "mirror-like": "chrome"}
-"""Materials of the embedded library whose tables are rendered."""
-
-PROBES = ("default", "smooth", "lamps", "grace")
-"""The built-in light; a sky without its sun; small lamps in a dim room; Grace cathedral, where its file is there."""
-
 TURNS = {"near": tilt(4.0), "full": tilt(4.0) @ torch.diag(torch.tensor([-1.0, 1.0, -1.0], dtype=torch.float64))}
 """By what the light of a photograph for `align` is turned."""
 
@@ -29,6 +21,9 @@ _OTHER_LIGHT = torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
 _SAMPLES, _TOGETHER = 4096, 20
 _LAMPS = ((20, 30, 1.2), (60, 80, 0.8), (80, 200, 1.5), (50, 300, 1.0))
 """Of the probe "lamps": degrees from the zenith, azimuth, radius."""
+
+_LAMP, _LAMP_COLOUR = 3.5, torch.tensor([1.0, 0.9, 0.7])[:, None, None]
+"""Radiance of a lamp that fills a hemisphere."""
 
 _RECIPE = 1
 """Changes with what this module makes."""
@@ -112,7 +107,8 @@ def _make(folder: Path) -> None:
 
 def between(library: tb.MaterialLibrary, i: int) -> Tensor:
     """(cells, 3) of a material that no combination of columns gives: the geometric mean of two."""
-    first, second = (library.table(library.names[(i * step + shift) % len(library)]) for step, shift in ((1, 0), (7, 3)))
+    places = (i % len(library), (7 * i + 3) % len(library))
+    first, second = (library.table(library.names[place]) for place in places)
     return (first.filled.clamp_min(0) * second.filled.clamp_min(0)).sqrt().float()
 
 
@@ -135,5 +131,5 @@ def lamps(height: int = 256) -> tb.LightProbe:
         a, b = torch.tensor([elevation, azimuth]).deg2rad()
         centre = torch.stack([a.sin() * b.sin(), a.cos(), -a.sin() * b.cos()])
         lit = torch.einsum("chw,c->hw", towards, centre) > torch.tensor(radius).deg2rad().cos()
-        radiance += lit * (14.0 / (1 - torch.tensor(radius).deg2rad().cos())) * torch.tensor([1.0, 0.9, 0.7])[:, None, None] / 4
+        radiance += lit * (_LAMP / (1 - torch.tensor(radius).deg2rad().cos())) * _LAMP_COLOUR
     return tb.LightProbe(radiance, name="small lamps")

@@ -70,7 +70,7 @@ class _Memory(threading.Thread):
 
 
 def resident(pid: int) -> tuple[float, float]:
-    """MiB of a process and its children: their own pages, and pages of files, which they share; 0 for one that ended."""
+    """MiB of a process and its children: own pages, and pages of files, which they share; 0 for one that ended."""
     own = mapped = 0.0
     with suppress(OSError, ValueError, KeyError):
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()

@@ -16,33 +16,42 @@ from harmonic import errors_of, reference_of
 from speed.inputs import images_of
 from torchbrdf.files import writing
 
-SAMPLES = 32768
+BASIS_SAMPLES, TABLE_SAMPLES = 32768, 131072
 _SEEDS = (9100, 9101)
-_EVERY = 4
-"""Of how many rows, and columns, of a large picture one is compared: the rest would take minutes and tell the same."""
+_WHOLE = 128
+"""Pixels across up to which all of a picture is compared."""
+
+_EVERY, _BRIGHT, _LOOK = 8, 1000, 256
+"""Of larger ones: one row and column in so many, and the brightest pixels of a first look with so many samples."""
 
 
 class SomePixels(tb.SphereView):
-    """A sphere of which only one pixel in a few, along each side, is looked at."""
+    """A sphere of which only some pixels are looked at."""
 
-    def __init__(self, size: int, every: int) -> None:
-        """Leave the others out of the mask."""
+    def __init__(self, size: int, kept: Tensor) -> None:
+        """Leave those that are not kept (1, H, W) out of the mask."""
         super().__init__(size)
-        kept = torch.zeros_like(self.mask)
-        kept[:, every // 2 :: every, every // 2 :: every] = True
         self.mask = self.mask & kept
 
 
 @dataclass(frozen=True)
 class Reference:
-    """images (n, 3, P) over the pixels of a view, and how far one of the two runs is from their mean, (n,)."""
+    """Converged images.
 
+    view     which pixels of them are there
+    images   (n, 3, P)
+    own      (n,) how far one of the two runs is from their mean
+    weights  (P,) for how many pixels each stands
+    """
+
+    view: tb.View
     images: Tensor
     own: Tensor
+    weights: Tensor
 
     def errors(self, found: Tensor) -> Tensor:
-        """(n,) relative RMS errors of images of the same shape."""
-        return errors_of(found, self.images)
+        """(n,) relative RMS errors of images (n, 3, P)."""
+        return errors_of(found * self.weights.sqrt(), self.images * self.weights.sqrt())
 
 
 @dataclass(frozen=True)
@@ -54,26 +63,41 @@ class References:
     def basis(self, library: tb.MaterialLibrary, probe: tb.LightProbe, view: tb.View) -> Reference:
         """All basis images."""
         name = f"basis-{library.source[:8]}-{len(library)}-{probe.fingerprint[:8]}-{view.fingerprint[:8]}"
-        return self._kept(name, lambda: reference_of(library, probe, view, SAMPLES))
 
-    def tables(self, files: Mapping[str, Path], probe: tb.LightProbe, size: int) -> tuple[Reference, tb.View]:
-        """Spheres of tables, and the pixels of them that are there: all of small ones."""
-        view = SomePixels(size, _EVERY) if size > 128 else tb.SphereView(size)
-        name = f"tables-{'-'.join(files)}-{probe.fingerprint[:8]}-{size}"
+        def images() -> tuple[Tensor, ...]:
+            return view.mask, *reference_of(library, probe, view, BASIS_SAMPLES), torch.ones(len(view.pixels))
 
-        def images() -> tuple[Tensor, Tensor]:
+        return self._kept(f"{name}-{BASIS_SAMPLES}", view.size[0], images)
+
+    def tables(self, files: Mapping[str, Path], probe: tb.LightProbe, size: int) -> Reference:
+        """Spheres of tables."""
+
+        def images() -> tuple[Tensor, ...]:
             values = torch.cat([tb.MerlTable.open(path).filled.float() for path in files.values()], 1)
-            twins = [view.pack(images_of(values, probe, view, SAMPLES, seed)) for seed in _SEEDS]
-            mean = (twins[0] + twins[1]) / 2
-            return mean, errors_of(twins[0], mean)
+            weights = torch.ones(1, size, size) if size <= _WHOLE else _weights(values, probe, size)
+            view = SomePixels(size, weights > 0)
+            twins = [view.pack(images_of(values, probe, view, TABLE_SAMPLES, seed)) for seed in _SEEDS]
+            mean, roots = (twins[0] + twins[1]) / 2, view.pack(weights).sqrt()
+            return view.mask, mean, errors_of(twins[0] * roots, mean * roots), view.pack(weights)[0]
 
-        return self._kept(name, images), view
+        return self._kept(f"tables-{'-'.join(files)}-{probe.fingerprint[:8]}-{size}-{TABLE_SAMPLES}", size, images)
 
-    def _kept(self, name: str, make: Callable[[], tuple[Tensor, Tensor]]) -> Reference:
-        path = self.folder / f"{name}-{SAMPLES}.pt"
+    def _kept(self, name: str, size: int, make: Callable[[], tuple[Tensor, ...]]) -> Reference:
+        path = self.folder / f"{name}.pt"
         if not path.is_file():
             self.folder.mkdir(parents=True, exist_ok=True)
             made = make()
             with writing(path) as temporary:
                 torch.save(made, temporary)
-        return Reference(*torch.load(path))
+        mask, images, own, weights = torch.load(path)
+        return Reference(SomePixels(size, mask), images, own, weights)
+
+
+def _weights(values: Tensor, probe: tb.LightProbe, size: int) -> Tensor:
+    """(1, H, W): 1 for the brightest pixels, those of mirrored lamps; of others one in a few stands for its like."""
+    look = images_of(values, probe, tb.SphereView(size), _LOOK).square().sum(1)
+    share = (look / look.sum((1, 2), keepdim=True)).amax(0)
+    weights = torch.zeros_like(share)
+    weights[_EVERY // 2 :: _EVERY, _EVERY // 2 :: _EVERY] = _EVERY**2
+    weights[share >= share.flatten().topk(_BRIGHT).values[-1]] = 1
+    return weights[None]
