@@ -31,16 +31,18 @@ from torch import Tensor
 
 import torchbrdf as tb
 from speed.called import BATCH, Seconds
-from speed.checkouts import Checkout, add_options, both, machine
+from speed.checkouts import Checkout, both, machine, speed_options
 from speed.inputs import Inputs
-from speed.judging import Judge, left
+from speed.judging import Error, Judge, accurate, left
 from speed.rows import Row, in_words, kept, publish, report
 from speed.settings import PROBES, RENDERED_UNDER, TABLES
 from torchbrdf.brdf import cell_difference
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 
 LIMITS = {"one": 1.6e-3, "batch": 0.3e-3, "factors": 0.05, "reconstruction": 0.12, "brdf": 0.12}
-BASIS_LIMIT, RENDER_LIMIT = 0.06, 0.15
+BASIS_LIMIT, RENDER_LIMIT = (0.06, 0.005), (0.15, 0.003)
+"""Seconds and errors."""
+
 ALIGN_LIMITS = {"near": 1.0, "full": 3.0}
 
 NAMES = {
@@ -75,19 +77,25 @@ def beside(name: str, what: str, found: Mapping[bool, Found], limit: float | Non
     return Row(what, now, before, limit)
 
 
+def judged(row: Row, now: Error, before: Error, limit: float | None = None, remark: str = "") -> Row:
+    """With the errors of both versions."""
+    reached = accurate(now, limit)
+    return replace(row, accurate=reached, error_now=now.words, error_before=before.words, remark=remark)
+
+
 def solving_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     library = tb.MaterialLibrary.default()
     now, before = (judge.weights(found[mine].tensor("weights"), library) for mine in (True, False))
     one = beside("one", NAMES["one"], found, LIMITS["one"])
     yield one
     batch = beside("batch", NAMES["batch"], found, LIMITS["batch"], BATCH)
-    yield replace(batch, error_now=now, error_before=before)
+    yield judged(batch, now, before)
     factors = beside("factors", NAMES["factors"], found, LIMITS["factors"])
     first = {mine: found[mine].median("factors") - found[mine].median("one") for mine in found}
     remark = "first photograph of a new probe, less another's"
     yield replace(factors, now=first[True], before=first[False], remark=remark)
-    tables = [tb.MerlTable.open(found[mine].folder / "combined.binary") for mine in (True, False)]
-    apart = f"{cell_difference(*tables, 'cube-root'):.1e} between both"
+    mine, rivals = (tb.MerlTable.open(found[own].folder / "combined.binary") for own in (True, False))
+    apart = f"{cell_difference(mine, rivals, 'cube-root'):.1e} between both"
     yield replace(beside("brdf", NAMES["brdf"], found, LIMITS["brdf"]), error_now=apart)
 
 
@@ -95,30 +103,30 @@ def lighting_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     library = tb.MaterialLibrary.default()
     for name in PROBES:
         if f"basis {name}" in found[True].seconds:
-            row = beside(f"basis {name}", f"new probe to basis images, {name}", found, BASIS_LIMIT)
+            row = beside(f"basis {name}", f"new probe to basis images, {name}", found, BASIS_LIMIT[0])
             images = [found[mine].tensor(f"basis-{name}") for mine in (True, False)]
             (now, own), (before, _) = (judge.basis(packed, name, library) for packed in images)
             remark = f"median, 95 %, worst of {library.n}; the reference's own: {own}"
-            yield replace(row, error_now=now, error_before=before, remark=remark)
+            yield judged(row, now, before, BASIS_LIMIT[1], remark)
     errors = [judge.weights(found[mine].tensor("reconstruction"), library) for mine in (True, False)]
     row = beside("reconstruction", NAMES["reconstruction"], found, LIMITS["reconstruction"])
-    yield replace(row, error_now=errors[0], error_before=errors[1])
+    yield judged(row, *errors)
 
 
 def rendering_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     for light in RENDERED_UNDER:
         for table in TABLES:
             images = [found[mine].tensor(f"render-{table}-{light}") for mine in (True, False)]
-            now, before = (judge.picture(image, table, light) for image in images)
-            row = beside(f"render {table}, {light}", f"`tb.render`, {table}, {light}", found, RENDER_LIMIT)
-            yield replace(row, error_now=now, error_before=before)
+            errors = [judge.picture(image, table, light) for image in images]
+            row = beside(f"render {table}, {light}", f"`tb.render`, {table}, {light}", found, RENDER_LIMIT[0])
+            yield judged(row, *errors, RENDER_LIMIT[1])
 
 
 def aligning_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     for search, limit in ALIGN_LIMITS.items():
         now, before = (left(found[mine].tensor(f"align-{search}"), search) for mine in (True, False))
         row = beside(f"align {search}", f'`tb.align`, "{search}"', found, limit)
-        yield replace(row, error_now=now, error_before=before)
+        yield judged(row, now, before)
 
 
 ROWS = {
@@ -181,7 +189,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), metavar="PART", help=", ".join(ROWS))
     parser.add_argument("--rounds", type=int, default=3, help="processes of each version; default: %(default)s")
     parser.add_argument("--repeats", type=int, default=5, help="in each process; default: %(default)s")
-    add_options(parser)
+    speed_options(parser)
     return exit_status("calls", run, parser.parse_args(argv), RESUMABLE)
 
 

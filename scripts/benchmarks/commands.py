@@ -28,8 +28,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from speed.checkouts import Checkout, add_options, both, machine
-from speed.judging import Judge
+from speed.checkouts import Checkout, both, machine, speed_options
+from speed.judging import Error, Judge, accurate
 from speed.processes import Finished
 from speed.rows import Row, kept, publish, report, verdict
 from speed.settings import RENDERED_UNDER
@@ -39,6 +39,8 @@ from torchbrdf.images import read_image
 
 FEW = 3
 """Photographs that a version without batches fits one by one, and that are judged of a batch."""
+
+PICTURE_ERROR = 0.005
 
 MEMORY = 1.2e9 / 2**20
 """MiB that `fit` may take, the mapped cache included."""
@@ -71,6 +73,7 @@ class Case:
     work   of a version; a text where it cannot do it
     limit  seconds to reach, of the yardsticks
     over   the row whose seconds are a yardstick
+    error, memory  to reach, too; MiB
     """
 
     group: str
@@ -78,9 +81,9 @@ class Case:
     work: Callable[[Checkout], Work | str]
     limit: Callable[[dict[str, float]], float] | None = None
     over: str | None = None
-    judge: Callable[[list[Path]], str] = lambda results: ""
+    judge: Callable[[list[Path]], Error] | None = None
+    error: float | None = None
     memory: float | None = None
-    """MiB to reach."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ class Bench:
                 lambda s: max(4.0, 1.5 * s[YARDSTICK] + 2),
                 YARDSTICK,
                 fitted,
-                MEMORY,
+                memory=MEMORY,
             ),
             Case(
                 "no-report",
@@ -130,10 +133,11 @@ class Bench:
                     Case(
                         "render",
                         f"`render`, {name}, {light}",
-                        lambda _, command=command: Work([command], ["rendered.exr"]),
+                        partial(rendered, command),
                         lambda s: s[IMPORTED.format("of `render`")] + 2,
                         IMPORTED.format("of `render`"),
                         partial(picture_error, self.judge, name, light),
+                        PICTURE_ERROR,
                     )
                 )
         found += [
@@ -182,6 +186,11 @@ def silent(version: Checkout) -> bool:
     return version.offers("fit", "--no-report")
 
 
+def rendered(command: Command, _: Checkout) -> Work:
+    """A picture."""
+    return Work([command], ["rendered.exr"])
+
+
 def orthographic(version: Checkout) -> Work:
     """What every version's `fit` without `--fov` needs."""
     only = ["--orthographic"] if version.offers("precompute", "--orthographic") else []
@@ -200,8 +209,8 @@ def importing(names: Sequence[str], _: Checkout) -> Work:
     return Work([["-m", "speed.imports", *names]])
 
 
-def picture_error(judge: Judge, table: str, light: str, results: list[Path]) -> str:
-    """Of a rendering, and of what it is compared with."""
+def picture_error(judge: Judge, table: str, light: str, results: list[Path]) -> Error:
+    """Of a rendering."""
     return judge.picture(read_image(results[0]), table, light)
 
 
@@ -226,7 +235,7 @@ def measured(bench: Bench, case: Case, runs: int, limits: dict[str, float]) -> R
     able = {version: work for version, work in works.items() if isinstance(work, Work)}
     seconds: dict[Checkout, list[float]] = {version: [] for version in able}
     peaks: dict[Checkout, str] = {}
-    errors: dict[Checkout, str] = {}
+    errors: dict[Checkout, Error] = {}
     tables: dict[Checkout, MerlTable] = {}
     for run in range(runs):
         for version, work in able.items():
@@ -238,7 +247,8 @@ def measured(bench: Bench, case: Case, runs: int, limits: dict[str, float]) -> R
                     peaks[version] = f"{largest.peak:.0f} ({largest.mapped:.0f} of files)"
                     if case.memory and version is bench.now:
                         peaks[version] += f", <= {case.memory:.0f} {verdict(largest.peak, case.memory)}"
-                    errors[version] = case.judge(results)
+                    if case.judge is not None:
+                        errors[version] = case.judge(results)
                     if results and (results[0] / "brdf.binary").is_file():
                         tables[version] = MerlTable.open(results[0] / "brdf.binary")
     remarks = [f"{version.name}: {work}" for version, work in works.items() if isinstance(work, str)]
@@ -253,8 +263,8 @@ def measured(bench: Bench, case: Case, runs: int, limits: dict[str, float]) -> R
         median.get(bench.now),
         median.get(bench.before),
         limit,
-        errors.get(bench.now, ""),
-        errors.get(bench.before, ""),
+        accurate(errors.get(bench.now), case.error),
+        *(errors[version].words if version in errors else "" for version in (bench.now, bench.before)),
         peaks.get(bench.now, ""),
         peaks.get(bench.before, ""),
         "; ".join(remarks),
@@ -291,7 +301,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser.of_script(__doc__)
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, metavar="ROWS", help=", ".join(GROUPS))
     parser.add_argument("--runs", type=int, default=5, help="of each version; default: %(default)s")
-    add_options(parser)
+    speed_options(parser)
     return exit_status("commands", run, parser.parse_args(argv), RESUMABLE)
 
 

@@ -22,7 +22,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from speed.checkouts import Checkout, add_options, machine, this
+from speed.checkouts import Checkout, machine, speed_options, this
 from speed.growing import MOST_PRECOMPUTED, MOST_TABLES, Point
 from speed.inputs import Inputs
 from speed.rows import in_words, publish
@@ -180,7 +180,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=SIZES, default=list(SIZES), metavar="AXIS", help=", ".join(SIZES))
     parser.add_argument("--sizes", type=int, help="of each axis only so many of the smallest")
     parser.add_argument("--figure", type=Path, help="draw time and memory, log-log")
-    add_options(parser, rival=False)
+    speed_options(parser, rival=False)
     return exit_status("growth", run, parser.parse_args(argv), RESUMABLE)
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Literal, TypeVar
 
 import torch
 from torch import Tensor
@@ -23,9 +24,10 @@ OFTEN = 10
 BATCH = 64
 
 Seconds = dict[str, list[float]]
+T = TypeVar("T")
 
 
-def timed(work: Callable[[int], object], repeats: int) -> tuple[list[float], object]:
+def timed(work: Callable[[int], T], repeats: int) -> tuple[list[float], T]:
     """Seconds of work(1), work(2), ..., after a warm-up; and what work(0), the warm-up, gave."""
     first = work(0)
     seconds = []
@@ -72,7 +74,11 @@ def looped(inputs: Path, output: Path, repeats: int) -> Seconds:
     classes = tb.MaterialClasses.fit(library)
     columns = {j: basis.packed[classes.members(j)].double() for j in range(classes.n_classes)}
     y = basis.pack(torch.load(inputs / "photographs.pt")[0]).double()
-    found = {driver: timed(lambda _, d=driver: solve_and_judge(columns, y, d), repeats)[0] for driver in DRIVERS}
+
+    def solved(driver: str, _: int) -> list[Tensor]:
+        return solve_and_judge(columns, y, driver)
+
+    found = {driver: timed(partial(solved, driver), repeats)[0] for driver in DRIVERS}
     return {"looped": min(found.values(), key=lambda seconds: sorted(seconds)[len(seconds) // 2])}
 
 
@@ -118,10 +124,11 @@ def aligning(inputs: Path, output: Path, repeats: int) -> Seconds:
     """Photographs of balls under a turned light."""
     library, view, probe = tb.MaterialLibrary.default(progress=False), tb.SphereView(SIZE), opened(inputs, "default")
     seconds = Seconds()
-    for search in ("near", "full"):
+    searches: tuple[Literal["near", "full"], ...] = ("near", "full")
+    for search in searches:
         photograph = torch.load(inputs / f"{search}.pt")
 
-        def found(k: int, photograph: Tensor = photograph, search: str = search) -> Tensor:
+        def found(k: int, photograph: Tensor = photograph, search: Literal["near", "full"] = search) -> Tensor:
             return tb.align(photograph * (1 + 1e-3 * k), changed(probe, k), view, library, search=search).rotation
 
         seconds[f"align {search}"], first = timed(found, repeats)

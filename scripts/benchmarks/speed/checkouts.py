@@ -99,7 +99,7 @@ def _linked(source: str, target: str) -> str:
     return target
 
 
-def add_options(parser: argparse.ArgumentParser, rival: bool = True) -> None:
+def speed_options(parser: argparse.ArgumentParser, rival: bool = True) -> None:
     """What the benchmarks of speed share: the rival, a folder, the page that is written."""
     if rival:
         text = "root of the checkout of another version, or a python that has it"

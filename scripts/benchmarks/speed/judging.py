@@ -23,8 +23,16 @@ _SAMPLES = 4096
 
 
 @dataclass(frozen=True)
+class Error:
+    """One number that is to be small, and how a table says it."""
+
+    value: float
+    words: str
+
+
+@dataclass(frozen=True)
 class Judge:
-    """What errors are measured with; all are given in words."""
+    """What errors are measured with."""
 
     inputs: Inputs
     references: References
@@ -38,40 +46,48 @@ class Judge:
     def _novel(self) -> tuple[tb.LightProbe, tb.SphereView, Tensor]:
         return self.inputs.novel_probe, tb.SphereView(SIZE), self.inputs.tensor("novel")
 
-    def tables(self, results: Sequence[Path]) -> str:
+    def tables(self, results: Sequence[Path]) -> Error:
         """Of the first photographs' tables, under the novel light; mean."""
         probe, view, _ = self._novel
         shown = [tb.render(tb.MerlTable.open(folder / "brdf.binary"), probe, view, _SAMPLES) for folder in results]
         return self._shown(shown)
 
-    def weights(self, weights: Tensor, library: tb.MaterialLibrary) -> str:
+    def weights(self, weights: Tensor, library: tb.MaterialLibrary) -> Error:
         """Of the first photographs' weights, (B, n, 3) or (n, 3), under the novel light; mean."""
         probe, view, _ = self._novel
         basis = self.references.basis(library, probe, view).images
         weights = weights if weights.dim() == 3 else weights[None]
         return self._shown(view.unpack(torch.einsum("nsp,bns->bsp", basis, weights.float()).clamp_min(0)))
 
-    def _shown(self, images: Sequence[Tensor] | Tensor) -> str:
+    def _shown(self, images: Sequence[Tensor] | Tensor) -> Error:
         _, view, truth = self._novel
-        return f"{statistics.mean(relative_rms(image, truth[i], view.mask) for i, image in enumerate(images)):.2%}"
+        mean = statistics.mean(relative_rms(image, truth[i], view.mask) for i, image in enumerate(images))
+        return Error(mean, f"{mean:.2%}")
 
-    def basis(self, packed: Tensor, light: str, library: tb.MaterialLibrary) -> tuple[str, str]:
-        """Median, 95 % and worst of all basis images; and of the reference."""
+    def basis(self, packed: Tensor, light: str, library: tb.MaterialLibrary) -> tuple[Error, str]:
+        """That within which 95 % of the basis images are; median and worst, too; and those of the reference."""
         reference = self.references.basis(library, self._probe(light), tb.SphereView(SIZE))
-        found, own = (summary(errors).replace(" | ", ", ") for errors in (reference.errors(packed), reference.own))
-        return found, own
+        errors = reference.errors(packed)
+        found, own = (summary(some).replace(" | ", ", ") for some in (errors, reference.own))
+        return Error(float(errors.quantile(0.95)), found), own
 
-    def picture(self, image: Tensor, table: str, light: str) -> str:
+    def picture(self, image: Tensor, table: str, light: str) -> Error:
         """Of a rendering, and of its reference."""
         reference = self.references.tables(self.inputs.tables, self._probe(light), image.shape[-1])
         k = list(TABLES).index(table)
-        error = reference.errors(reference.view.pack(image)[None].expand_as(reference.images))[k]
-        return f"{float(error):.2%} ± {float(reference.own[k]):.2%}"
+        error = float(reference.errors(reference.view.pack(image)[None].expand_as(reference.images))[k])
+        return Error(error, f"{error:.2%} ± {float(reference.own[k]):.2%}")
 
     def _probe(self, light: str) -> tb.LightProbe:
         return tb.LightProbe.open(self.inputs.probes[light])
 
 
-def left(rotation: Tensor, search: str) -> str:
+def left(rotation: Tensor, search: str) -> Error:
     """Degrees between a rotation that `align` found and the true one."""
-    return f"{degrees(float(rotation_vector(rotation.double() @ TURNS[search].T).norm())):.2f} degrees"
+    angle = degrees(float(rotation_vector(rotation.double() @ TURNS[search].T).norm()))
+    return Error(angle, f"{angle:.2f} degrees")
+
+
+def accurate(error: Error | None, limit: float | None) -> tuple[float, bool] | None:
+    """The limit and whether an error is within it, for a row."""
+    return None if limit is None or error is None else (limit, error.value <= limit)

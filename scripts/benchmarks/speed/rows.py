@@ -19,6 +19,7 @@ class Row:
 
     now, before    seconds; None where a version cannot do it
     limit          seconds to reach; None where none was asked for
+    accurate       the error to reach, and whether it is reached; None where none was asked for
     error_, peak_  beside them, in words; empty for none
     remark         what a reader has to know
     revision       of the version that was measured
@@ -28,6 +29,7 @@ class Row:
     now: float | None = None
     before: float | None = None
     limit: float | None = None
+    accurate: tuple[float, bool] | None = None
     error_now: str = ""
     error_before: str = ""
     peak_now: str = ""
@@ -37,16 +39,22 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """Whether the limit is met; empty where none was asked for."""
-        return "" if self.limit is None or self.now is None else verdict(self.now, self.limit)
+        """Whether the limits are met; empty where none was asked for."""
+        if self.limit is None or self.now is None:
+            return ""
+        if self.accurate is not None and not self.accurate[1]:
+            return f"{MISSED}: error" if self.now <= self.limit else f"{MISSED}: both"
+        return verdict(self.now, self.limit)
 
     def cells(self) -> list[str]:
         """As `HEAD` names them."""
         ratio = f"{self.before / self.now:.2f}" if self.now and self.before else ""
-        limit = "" if self.limit is None else f"<= {in_words(self.limit)}"
+        limits = [] if self.limit is None else [f"<= {in_words(self.limit)}"]
+        if self.accurate is not None:
+            limits.append(f"<= {self.accurate[0]:.1%}")
         seconds = ["" if value is None else in_words(value) for value in (self.now, self.before)]
         errors, peaks = [self.error_now, self.error_before], [self.peak_now, self.peak_before]
-        return [self.what, ratio, *seconds, limit, self.verdict, *errors, *peaks, self.remark]
+        return [self.what, ratio, *seconds, ", ".join(limits), self.verdict, *errors, *peaks, self.remark]
 
 
 def verdict(value: float, limit: float) -> str:
@@ -62,17 +70,16 @@ def in_words(seconds: float) -> str:
 
 
 def kept(path: Path, fresh: Iterable[Row], order: Sequence[str]) -> list[Row]:
-    """The rows of a file with those that were measured now in their places, written back.
+    """The rows of a file with those that are measured now in their places; each is written as soon as it is there.
 
     order  names of all rows that there are now; others are dropped
     """
     rows = {row["what"]: Row(**row) for row in (json.loads(path.read_text()) if path.is_file() else [])}
-    rows |= {row.what: row for row in fresh}
-    rows = {name: rows[name] for name in order if name in rows}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with writing(path) as temporary:
-        temporary.write_text(json.dumps([asdict(row) for row in rows.values()], indent=1) + "\n")
-    return list(rows.values())
+    for row in fresh:
+        rows[row.what] = row
+        with writing(path) as temporary:
+            temporary.write_text(json.dumps([asdict(row) for row in rows.values()], indent=1) + "\n")
+    return [rows[name] for name in order if name in rows]
 
 
 def report(rows: Sequence[Row], about: str, now: str, before: str) -> str:
@@ -81,7 +88,7 @@ def report(rows: Sequence[Row], about: str, now: str, before: str) -> str:
     now, before  names of the versions
     """
     head = [title.replace("now", now).replace("before", before) for title in HEAD]
-    missed = [row.what for row in rows if row.verdict == MISSED]
+    missed = [row.what for row in rows if row.verdict.startswith(MISSED)]
     asked = sum(row.verdict != "" for row in rows)
     lines = [about, "", markdown_table(head, [row.cells() for row in rows]), ""]
     lines.append(f"Of {asked} figures that were asked for, {asked - len(missed)} are met.")
