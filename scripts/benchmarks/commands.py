@@ -142,7 +142,7 @@ class Bench:
                 )
         found += [
             Case("precompute", "`precompute`, orthographic", orthographic, lambda _: 20.0),
-            Case("precompute", "`precompute`", perspective, lambda _: 20.0),
+            Case("perspective", "`precompute`", perspective, lambda _: 20.0),
             Case(
                 "first",
                 "`fit`, first run",
@@ -294,7 +294,7 @@ def run(options: argparse.Namespace) -> None:
     publish(report(found, about, now.name, before.name), options.document)
 
 
-GROUPS = ("version", "imports", "fit", "no-report", "hundred", "align", "render", "precompute", "first")
+GROUPS = ("version", "imports", "fit", "no-report", "hundred", "align", "render", "precompute", "perspective", "first")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,6 +21,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from speed.checkouts import Checkout, machine, speed_options, this
 from speed.growing import MOST_PRECOMPUTED, MOST_TABLES, Point
@@ -157,28 +158,39 @@ def measured(version: Checkout, axis: str, size: int, inputs: Inputs, folder: Pa
             yield Point(axis, _COMMAND, size, done.seconds, done.peak, done.mapped)
 
 
+def of_record(record: dict[str, Any]) -> Point:
+    return Point(**record)
+
+
+def key(point: Point) -> tuple[str, str, int]:
+    """Of which there is one point."""
+    return point.axis, point.step, point.size
+
+
 def run(options: argparse.Namespace) -> None:
     folder, version = options.folder, this(options)
     inputs, kept = Inputs.of(folder), folder / "growth.json"
-    known = [Point(**point) for point in (json.loads(kept.read_text()) if kept.is_file() else [])]
+    known = {key(point): point for point in map(of_record, json.loads(kept.read_text()) if kept.is_file() else [])}
     for axis in options.only:
-        known = [point for point in known if point.axis != axis]
-        for size in SIZES[axis][: options.sizes]:
+        if not options.sizes:
+            known = {place: point for place, point in known.items() if point.axis != axis}
+        for size in [size for size in SIZES[axis] if size in (options.sizes or SIZES[axis])]:
             for point in measured(version, axis, size, inputs, folder):
                 print(f"{axis} {point.size}, {point.step}: {in_words(point.seconds)}, {point.peak:.0f} MiB",
                       file=sys.stderr, flush=True)  # fmt: skip
-                known.append(replace(point, revision=version.revision))
-    with writing(kept) as temporary:
-        temporary.write_text(json.dumps([asdict(point) for point in known], indent=1) + "\n")
+                known[key(point)] = replace(point, revision=version.revision)
+            with writing(kept) as temporary:
+                temporary.write_text(json.dumps([asdict(point) for point in known.values()], indent=1) + "\n")
+    points = list(known.values())
     if options.figure:
-        draw(known, options.figure)
-    publish(report(known, f"{machine()}; {version.name}."), options.document)
+        draw(points, options.figure)
+    publish(report(points, f"{machine()}; {version.name}."), options.document)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser.of_script(__doc__)
     parser.add_argument("--only", nargs="+", choices=SIZES, default=list(SIZES), metavar="AXIS", help=", ".join(SIZES))
-    parser.add_argument("--sizes", type=int, help="of each axis only so many of the smallest")
+    parser.add_argument("--sizes", nargs="+", type=int, help="only these: pixels across, materials, photographs")
     parser.add_argument("--figure", type=Path, help="draw time and memory, log-log")
     speed_options(parser, rival=False)
     return exit_status("growth", run, parser.parse_args(argv), RESUMABLE)

@@ -51,7 +51,7 @@ class Row:
         ratio = f"{self.before / self.now:.2f}" if self.now and self.before else ""
         limits = [] if self.limit is None else [f"<= {in_words(self.limit)}"]
         if self.accurate is not None:
-            limits.append(f"<= {self.accurate[0]:.1%}")
+            limits.append(f"<= {100 * self.accurate[0]:.2g}%")
         seconds = ["" if value is None else in_words(value) for value in (self.now, self.before)]
         errors, peaks = [self.error_now, self.error_before], [self.peak_now, self.peak_before]
         return [self.what, ratio, *seconds, ", ".join(limits), self.verdict, *errors, *peaks, self.remark]
