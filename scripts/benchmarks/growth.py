@@ -50,6 +50,9 @@ _LAST = 3
 _GUIDE = 1e-3
 """Seconds at which the dotted line of the picture begins."""
 
+_MARKS = (500, 1000, 2000, 4000, 8000)
+"""MiB that are marked in it."""
+
 _COMMAND = "`fit` of a batch, tables on disk"
 
 
@@ -120,6 +123,9 @@ def draw(points: Sequence[Point], path: Path) -> None:
     from matplotlib import pyplot
 
     shown = [axis for axis in SIZES if any(point.axis == axis for point in points)]
+    steps = dict.fromkeys(point.step for point in points)
+    tones = [*range(0, 20, 2), *range(1, 20, 2)]  # the dark ones first
+    colours = {step: pyplot.colormaps["tab20"](tones[i % 20]) for i, step in enumerate(steps)}
     figure, axes = pyplot.subplots(2, len(shown), figsize=(13, 8.5), sharex="col", sharey="row", squeeze=False)
     for k, axis in enumerate(shown):
         above, below = axes[:, k]
@@ -128,12 +134,16 @@ def draw(points: Sequence[Point], path: Path) -> None:
             label = step.replace("`", "") + ("" if found is None else f" ({found:.2f})")
             for panel, key in ((above, "seconds"), (below, "peak")):
                 values = [getattr(point, key) for point in some]
-                panel.plot([point.size for point in some], values, "o-", ms=4, linewidth=1.2, label=label)
-        sizes = [point.size for point in points if point.axis == axis]
-        ends = [min(sizes), max(sizes)]
+                panel.plot([point.size for point in some], values, "o-", ms=4, color=colours[step], label=label)
+        sizes = sorted({point.size for point in points if point.axis == axis})
+        ends = [sizes[0], sizes[-1]]
         above.plot(ends, [_GUIDE * size / ends[0] for size in ends], ":", color="0.5", label="in proportion (1)")
-        above.set(title=axis, xscale="log", yscale="log")
+        above.set(xscale="log", yscale="log")
         below.set(xlabel=axis, xscale="log", yscale="log")
+        below.set_xticks(sizes, [f"{size:,}" for size in sizes])
+        below.set_xticks([], minor=True)
+        below.set_yticks(_MARKS, [f"{mark:,}" for mark in _MARKS])
+        below.set_yticks([], minor=True)
         for panel in (above, below):
             panel.grid(alpha=0.25)
         below.legend(*above.get_legend_handles_labels(), fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
