@@ -174,7 +174,8 @@ def rows(versions: Mapping[bool, Checkout], judge: Judge, work: Path, options: a
             some[0] = replace(some[0], remark=remark)
         for row in some:
             print(f"{row.what}: " + " | ".join(filter(None, row.cells()[1:])), file=sys.stderr, flush=True)
-            yield replace(row, revision=versions[True].revision)
+            repeats = f"medians of {options.rounds} x {options.repeats}"
+            yield replace(row, revision=f"{versions[True].revision}, {repeats}")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -183,7 +184,7 @@ def run(options: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory(prefix="torchbrdf-calls-", dir=options.folder) as work:
         found = rows({False: before, True: now}, judge, Path(work), options)
         everything = kept(options.folder / "calls.json", found, ORDER)
-    about = f"{machine()}; medians of {options.rounds} x {options.repeats} repeats; {now.name} beside {before.name}."
+    about = f"{machine()}; {now.name} beside {before.name}, medians by the clock."
     publish(report(everything, about, now.name, before.name), options.document)
 
 

@@ -268,7 +268,7 @@ def measured(bench: Bench, case: Case, runs: int, limits: dict[str, float]) -> R
         peaks.get(bench.now, ""),
         peaks.get(bench.before, ""),
         "; ".join(remarks),
-        bench.now.revision,
+        f"{bench.now.revision}, medians of {runs}",
     )
 
 
@@ -290,7 +290,7 @@ def run(options: argparse.Namespace) -> None:
     bench = Bench(now, before, Judge.of(options.folder))
     order = [case.what for case in bench.cases()]
     found = kept(options.folder / "commands.json", rows(bench, options.only, options.runs), order)
-    about = f"{machine()}; medians of {options.runs} processes each; {now.name} beside {before.name}."
+    about = f"{machine()}; {now.name} beside {before.name}, medians by the clock of processes."
     publish(report(found, about, now.name, before.name), options.document)
 
 

@@ -66,7 +66,7 @@ class Checkout:
 
     def expanded(self, folder: Path) -> Path:
         """A new cache in a folder that holds the expanded library and nothing else."""
-        shutil.copytree(self.cache / "libraries" / "default", folder / "libraries" / "default", copy_function=_linked)
+        shutil.copytree(self.cache / "libraries", folder / "libraries", copy_function=_linked)
         return folder
 
 

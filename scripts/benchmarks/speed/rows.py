@@ -22,7 +22,7 @@ class Row:
     accurate       the error to reach, and whether it is reached; None where none was asked for
     error_, peak_  beside them, in words; empty for none
     remark         what a reader has to know
-    revision       of the version that was measured
+    revision       of the version that was measured, and how often
     """
 
     what: str
