@@ -111,18 +111,18 @@ def lighting_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
             remark = f"median, 95 %, worst of {library.n}; the reference's own: {own}"
             limit = BASIS_LIMIT[1] if name == STRICT else max(NO_MORE * before.value, BASIS_LIMIT[1])
             yield judged(row, now, before, limit, remark)
-    errors = [judge.weights(found[mine].tensor("reconstruction"), library) for mine in (True, False)]
+    fitted, rivals = (judge.weights(found[mine].tensor("reconstruction"), library) for mine in (True, False))
     row = beside("reconstruction", NAMES["reconstruction"], found, LIMITS["reconstruction"])
-    yield judged(row, *errors)
+    yield judged(row, fitted, rivals)
 
 
 def rendering_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     for light in RENDERED_UNDER:
         for table in TABLES:
             images = [found[mine].tensor(f"render-{table}-{light}") for mine in (True, False)]
-            errors = [judge.picture(image, table, light) for image in images]
+            now, before = (judge.picture(image, table, light) for image in images)
             row = beside(f"render {table}, {light}", f"`tb.render`, {table}, {light}", found, RENDER_LIMIT[0])
-            yield judged(row, *errors, RENDER_LIMIT[1])
+            yield judged(row, now, before, RENDER_LIMIT[1])
 
 
 def aligning_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
@@ -160,32 +160,41 @@ def processes(
     return {mine: Found(seconds[mine], work / f"{part}-{mine}") for mine in versions}
 
 
-def rows(versions: Mapping[bool, Checkout], judge: Judge, work: Path, options: argparse.Namespace) -> Iterator[Row]:
-    """Of the parts that are asked for."""
+def rows(
+    versions: Mapping[bool, Checkout], judge: Judge, work: Path, options: argparse.Namespace, failed: list[str]
+) -> Iterator[Row]:
+    """Of the parts that are asked for; those of which a process fails are named."""
+
+    def measured(part: str, some: Mapping[bool, Checkout]) -> dict[bool, Found]:
+        return processes(part, some, judge.inputs, work, options.rounds, options.repeats)
+
+    revision = f"{versions[True].revision}, medians of {options.rounds} x {options.repeats}"
     for part in options.only:
-        found = processes(part, versions, judge.inputs, work, options.rounds, options.repeats)
-        some = list(ROWS[part](judge, found))
-        if part == "solving":
-            own = {True: versions[True]}
-            looped = processes("looped", own, judge.inputs, work, options.rounds, options.repeats)[True]
-            rival = looped.median("looped")
-            ratios = [f"{rival / found[mine].median('one'):.1f}" for mine in (True, False)]
-            remark = f"looped `lstsq`: {in_words(rival)}, {ratios[0]} times as long (before {ratios[1]}); to reach: 20"
-            some[0] = replace(some[0], remark=remark)
+        try:
+            found = measured(part, versions)
+            some = list(ROWS[part](judge, found))
+            if part == "solving":
+                rival = measured("looped", {True: versions[True]})[True].median("looped")
+                ratios = [f"{rival / found[mine].median('one'):.1f}" for mine in (True, False)]
+                looped = f"looped `lstsq`: {in_words(rival)}, {ratios[0]} times as long (before {ratios[1]})"
+                some[0] = replace(some[0], remark=f"{looped}; to reach: 20")
+        except RuntimeError as error:  # the other parts are worth having
+            print(error, file=sys.stderr)
+            failed.append(f"\n**Failed**: {part}.")
+            continue
         for row in some:
             print(f"{row.what}: " + " | ".join(filter(None, row.cells()[1:])), file=sys.stderr, flush=True)
-            repeats = f"medians of {options.rounds} x {options.repeats}"
-            yield replace(row, revision=f"{versions[True].revision}, {repeats}")
+            yield replace(row, revision=revision)
 
 
 def run(options: argparse.Namespace) -> None:
     now, before = both(options)
-    judge = Judge.of(options.folder)
+    judge, failed = Judge.of(options.folder), list[str]()
     with tempfile.TemporaryDirectory(prefix="torchbrdf-calls-", dir=options.folder) as work:
-        found = rows({False: before, True: now}, judge, Path(work), options)
+        found = rows({False: before, True: now}, judge, Path(work), options, failed)
         everything = kept(options.folder / "calls.json", found, ORDER)
     about = f"{machine()}; {now.name} beside {before.name}, medians by the clock."
-    publish(report(everything, about, now.name, before.name), options.document)
+    publish(report(everything, about, now.name, before.name) + "".join(failed), options.document)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -31,7 +31,7 @@ from pathlib import Path
 from speed.checkouts import Checkout, both, machine, speed_options
 from speed.judging import Error, Judge, accurate
 from speed.processes import Finished
-from speed.rows import Row, kept, publish, report, verdict
+from speed.rows import FAILED, Row, kept, publish, report, verdict
 from speed.settings import RENDERED_UNDER
 from torchbrdf.brdf import MerlTable, cell_difference
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
@@ -258,13 +258,15 @@ def measured(bench: Bench, case: Case, runs: int, limits: dict[str, float]) -> R
         remarks.append(f"tables differ by {100 * apart:.1g} %, cube roots")
     limit = case.limit(limits) if case.limit and (case.over is None or case.over in limits) else None
     median = {version: statistics.median(values) for version, values in seconds.items()}
+    words = {version: error.words for version, error in errors.items()}
     return Row(
         case.what,
         median.get(bench.now),
         median.get(bench.before),
         limit,
         accurate(errors.get(bench.now), case.error),
-        *(errors[version].words if version in errors else "" for version in (bench.now, bench.before)),
+        words.get(bench.now, ""),
+        words.get(bench.before, ""),
         peaks.get(bench.now, ""),
         peaks.get(bench.before, ""),
         "; ".join(remarks),
@@ -278,7 +280,11 @@ def rows(bench: Bench, groups: Sequence[str], runs: int) -> Iterator[Row]:
     needed = {case.over for case in cases if case.group in groups} | {YARDSTICK}
     for case in cases:
         if case.group in groups or case.what in needed:
-            row = measured(bench, case, runs, limits)
+            try:
+                row = measured(bench, case, runs, limits)
+            except RuntimeError as error:  # the other rows are worth having
+                print(error, file=sys.stderr)
+                row = Row(case.what, remark=FAILED, revision=bench.now.revision)
             print(f"{row.what}: " + " | ".join(filter(None, row.cells()[1:])), file=sys.stderr, flush=True)
             if row.now is not None:
                 limits[row.what] = row.now

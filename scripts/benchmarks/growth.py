@@ -181,20 +181,25 @@ def run(options: argparse.Namespace) -> None:
     folder, version = options.folder, this(options)
     inputs, kept = Inputs.of(folder), folder / "growth.json"
     known = {key(point): point for point in map(of_record, json.loads(kept.read_text()) if kept.is_file() else [])}
+    failed: list[str] = []
     for axis in options.only:
         if not options.sizes:
             known = {place: point for place, point in known.items() if point.axis != axis}
         for size in [size for size in SIZES[axis] if size in (options.sizes or SIZES[axis])]:
-            for point in measured(version, axis, size, inputs, folder):
-                print(f"{axis} {point.size}, {point.step}: {in_words(point.seconds)}, {point.peak:.0f} MiB",
-                      file=sys.stderr, flush=True)  # fmt: skip
-                known[key(point)] = replace(point, revision=version.revision)
+            try:
+                for point in measured(version, axis, size, inputs, folder):
+                    print(f"{axis} {point.size}, {point.step}: {in_words(point.seconds)}, {point.peak:.0f} MiB",
+                          file=sys.stderr, flush=True)  # fmt: skip
+                    known[key(point)] = replace(point, revision=version.revision)
+            except RuntimeError as error:  # the other sizes are worth having
+                print(error, file=sys.stderr)
+                failed.append(f"\n**Failed**: {axis}, {size}.")
             with writing(kept) as temporary:
                 temporary.write_text(json.dumps([asdict(point) for point in known.values()], indent=1) + "\n")
     points = list(known.values())
     if options.figure:
         draw(points, options.figure)
-    publish(report(points, f"{machine()}; {version.name}."), options.document)
+    publish(report(points, f"{machine()}; {version.name}.") + "".join(failed), options.document)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

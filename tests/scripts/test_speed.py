@@ -18,7 +18,7 @@ from speed.inputs import TURNS, lamps
 from speed.judging import Error, accurate, left
 from speed.processes import finished, resident
 from speed.references import Reference
-from speed.rows import Row, in_words, kept, report
+from speed.rows import FAILED, Row, in_words, kept, report
 from torchbrdf import __version__
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.view.sphere import SphereView
@@ -114,6 +114,17 @@ def test_a_row_that_a_version_cannot_do_says_so(version: Checkout):
 
     row = commands.measured(bench, commands.Case("version", "version", work, lambda _: 1.0), 1, {})
     assert (row.before, row.remark, row.verdict) == (None, "0.0: too old", "**missed**")
+
+
+def test_a_command_that_fails_leaves_the_other_rows(version: Checkout, monkeypatch: pytest.MonkeyPatch):
+    cases = [
+        commands.Case("fit", name, lambda _, name=name: commands.Work([[name]])) for name in ("--wrong", "--version")
+    ]
+    monkeypatch.setattr(commands.Bench, "cases", lambda _: cases)
+    bench = commands.Bench(version, replace(version, name="0.0"), judge=None)
+    wrong, sound = commands.rows(bench, ["fit"], 1)
+    assert (wrong.now, wrong.remark) == (None, FAILED)
+    assert sound.now is not None
 
 
 def test_a_limit_over_what_was_not_measured_is_none(version: Checkout):

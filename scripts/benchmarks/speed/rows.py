@@ -11,6 +11,7 @@ from torchbrdf.files import writing
 HEAD = ["", "times as fast", "now", "before", "to reach", "", "error now", "before", "peak MiB now", "before", ""]
 
 MISSED = "**missed**"
+FAILED = "**failed**: a command ended with an error"
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ def report(rows: Sequence[Row], about: str, now: str, before: str) -> str:
     asked = sum(row.verdict != "" for row in rows)
     lines = [about, "", markdown_table(head, [row.cells() for row in rows]), ""]
     lines.append(f"Of {asked} figures that were asked for, {asked - len(missed)} are met.")
+    lines += [f"**Failed**: {row.what}." for row in rows if row.remark == FAILED]
     revisions = {row.revision: [other.what for other in rows if other.revision == row.revision] for row in rows}
     if len(revisions) == 1:
         lines.append(f"Revision {rows[0].revision}.")
