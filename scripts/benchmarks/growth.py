@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from speed.checkouts import Checkout, machine, speed_options, this
-from speed.growing import MOST_PRECOMPUTED, MOST_TABLES, Point
+from speed.growing import ALIGNED, MOST_PRECOMPUTED, MOST_TABLES, Point
 from speed.inputs import Inputs
 from speed.rows import in_words, publish
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
@@ -101,15 +101,15 @@ def report(points: Sequence[Point], about: str) -> str:
     for axis in SIZES:
         steps = by_step(points, axis)
         if steps:
-            lines += ["", f"### {axis.capitalize()}", "", "Time, and peak memory in MiB.", "", table(steps, axis)]
+            lines += ["", f"## {axis.capitalize()}", "", "Time, and peak memory in MiB.", "", table(steps, axis)]
     largest = max(points, key=lambda point: point.peak)
     lines += [
         "",
         verdict(points),
         f"Largest resident memory: {largest.peak:,.0f} MiB, {largest.mapped:,.0f} of them pages of files "
         f"({largest.step}, {largest.size:,} {largest.axis}).",
-        f"Libraries of more than {MOST_PRECOMPUTED} materials are not precomputed here, and of a batch in Python at "
-        f"most {MOST_TABLES} tables are made.",
+        f"Libraries of more than {MOST_PRECOMPUTED} materials are not precomputed here, photographs wider than "
+        f"{ALIGNED} pixels not aligned, and of a batch in Python at most {MOST_TABLES} tables are made.",
         f"Revision {', '.join(sorted({point.revision for point in points}))}.",
     ]
     return "\n".join(lines)
