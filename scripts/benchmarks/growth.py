@@ -9,8 +9,9 @@ Time and largest resident memory of every step (speed/growing.py), each size in 
 are made of the embedded materials, with other strengths and widths of their lobes. Each step's slope is that of a line
 through the logarithms of its last three sizes: 1 is in proportion, 0 does not depend on it.
 
---folder keeps what was measured before: what --only leaves out comes from there. A quarter of an hour on two cores, most
-of it for the libraries, and 5 GB of the folder meanwhile; `fit` of many photographs writes 35 MB each, deleted after.
+--folder keeps what was measured before: what --only leaves out comes from there. A quarter of an hour on two cores,
+most of it for the libraries, and 5 GB of the folder meanwhile; `fit` of many photographs writes 35 MB each, deleted
+after.
 """
 
 import argparse
