@@ -12,6 +12,10 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = [path for folder in ("torchbrdf", "scripts", "tests") for path in sorted((ROOT / folder).rglob("*.py"))]
 _PATH = re.compile(r"(?<![\w/.])((?:docs|scripts|tests|torchbrdf)/[\w/]+\.(?:bib|js|md|png|py|safetensors|svg))\b")
 _COMMAND = re.compile(r"python (scripts/\S+\.py)((?:\\\n|[^\n`])*)")
+SHARED_OPTIONS = {
+    "sweep_options": "torchbrdf/experiments/sweep_inputs.py",
+    "speed_options": "scripts/benchmarks/speed/checkouts.py",
+}
 
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the documentation is not here")
 
@@ -32,10 +36,11 @@ def commands() -> Iterator[tuple[str, str, list[str]]]:
 
 
 def options_of(script: Path) -> set[str]:
-    """What a script takes, with what it takes from `sweep_options`."""
+    """What a script takes, with what it takes from functions that several share."""
     text = script.read_text()
-    if "sweep_options(" in text:
-        text += (ROOT / "torchbrdf" / "experiments" / "sweep_inputs.py").read_text()
+    for shared, path in SHARED_OPTIONS.items():
+        if f"{shared}(" in text:
+            text += (ROOT / path).read_text()
     return set(re.findall(r'"(--[a-z][a-z-]*)"', text))
 
 

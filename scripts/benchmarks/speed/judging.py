@@ -1,0 +1,93 @@
+"""The errors beside the times."""
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import degrees
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+import torchbrdf as tb
+from harmonic import summary
+from speed.inputs import TURNS, Inputs
+from speed.references import References
+from speed.settings import SIZE, TABLES
+from torchbrdf.images import relative_rms
+from torchbrdf.light import rotation_vector
+
+_SAMPLES = 4096
+"""Of the pictures by which tables are judged."""
+
+
+@dataclass(frozen=True)
+class Error:
+    """One number that is to be small, and how a table says it."""
+
+    value: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What errors are measured with."""
+
+    inputs: Inputs
+    references: References
+
+    @classmethod
+    def of(cls, folder: Path) -> "Judge":
+        """With inputs and references in a folder."""
+        return cls(Inputs.of(folder), References(folder / "references"))
+
+    @cached_property
+    def _novel(self) -> tuple[tb.LightProbe, tb.SphereView, Tensor]:
+        return self.inputs.novel_probe, tb.SphereView(SIZE), self.inputs.tensor("novel")
+
+    def tables(self, results: Sequence[Path]) -> Error:
+        """Of the first photographs' tables, under the novel light; mean."""
+        probe, view, _ = self._novel
+        shown = [tb.render(tb.MerlTable.open(folder / "brdf.binary"), probe, view, _SAMPLES) for folder in results]
+        return self._shown(shown)
+
+    def weights(self, weights: Tensor, library: tb.MaterialLibrary) -> Error:
+        """Of the first photographs' weights, (B, n, 3) or (n, 3), under the novel light; mean."""
+        probe, view, _ = self._novel
+        basis = self.references.basis(library, probe, view).images
+        weights = weights if weights.dim() == 3 else weights[None]
+        return self._shown(view.unpack(torch.einsum("nsp,bns->bsp", basis, weights.float()).clamp_min(0)))
+
+    def _shown(self, images: Sequence[Tensor] | Tensor) -> Error:
+        _, view, truth = self._novel
+        mean = statistics.mean(relative_rms(image, truth[i], view.mask) for i, image in enumerate(images))
+        return Error(mean, f"{mean:.2%}")
+
+    def basis(self, packed: Tensor, light: str, library: tb.MaterialLibrary) -> tuple[Error, str]:
+        """That within which 95 % of the basis images are; median and worst, too; and those of the reference."""
+        reference = self.references.basis(library, self._probe(light), tb.SphereView(SIZE))
+        errors = reference.errors(packed)
+        found, own = (summary(some).replace(" | ", ", ") for some in (errors, reference.own))
+        return Error(float(errors.quantile(0.95)), found), own
+
+    def picture(self, image: Tensor, table: str, light: str) -> Error:
+        """Of a rendering, and of its reference."""
+        reference = self.references.tables(self.inputs.tables, self._probe(light), image.shape[-1])
+        k = list(TABLES).index(table)
+        error = float(reference.errors(reference.view.pack(image)[None].expand_as(reference.images))[k])
+        return Error(error, f"{error:.2%} ± {float(reference.own[k]):.2%}")
+
+    def _probe(self, light: str) -> tb.LightProbe:
+        return tb.LightProbe.open(self.inputs.probes[light])
+
+
+def left(rotation: Tensor, search: str) -> Error:
+    """Degrees between a rotation that `align` found and the true one."""
+    angle = degrees(float(rotation_vector(rotation.double() @ TURNS[search].T).norm()))
+    return Error(angle, f"{angle:.2f} degrees")
+
+
+def accurate(error: Error | None, limit: float | None) -> tuple[float, bool] | None:
+    """The limit and whether an error is within it, for a row."""
+    return None if limit is None or error is None else (limit, error.value <= limit)
