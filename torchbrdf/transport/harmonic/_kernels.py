@@ -20,6 +20,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import StoredColumns, norm_settings
 from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors
+from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import HELD_DISTANCE, Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
@@ -154,9 +155,8 @@ class _Group:
 
     def kernels(self) -> Kernels:
         mixtures, values, place = self._cell_mixtures()
-        first_row, spectra = self._spectra(values, place)
-        scale = self._scale(first_row, spectra.shape[1])
-        parts = torch.view_as_real(spectra).movedim(-1, 0).movedim(-1, 1)  # (2, r, G, E, M)
+        first_row, parts = self._spectra(values, place)
+        scale = self._scale(first_row, parts.shape[3])
         low_high = self._bands(parts, scale, mixtures)
         places = 4 * (low_high[-1][1] // 2 + 1)
         interpolated = torch.sinc(torch.arange(self.zone.frequencies) / places).square()
@@ -235,19 +235,18 @@ class _Group:
         return self.stored.columns[cells].float() * (self.stored.scale / self.norms).float()
 
     def _spectra(self, values: Tensor, place: Tensor) -> tuple[int, Tensor]:
-        """First elevation spline, and conj(kappa) (G, E, M, r) of mixtures with values (cells, r)."""
+        """First elevation spline, and real and imaginary parts (2, r, G, E, M) of conj(kappa) of r mixtures (cells, r)."""
         from scipy.sparse import csc_matrix
 
         zone, samples = self.zone, self.samples
         first, by_row = zone.elevation_splines(samples.beta)
         low, high = int(first.min()), int(first.max()) + SUPPORT
-        places = 4 * zone.rows  # around the circle; sampled on half of it, with a margin for the splines
-        line = places // 2 + SUPPORT
-        position = samples.delta * (places / (2 * pi))
-        by_delta = spline_weights(position)
+        position = samples.delta * (PLACES * zone.rows / (2 * pi))
+        by_delta, node = spline_weights(position), position.floor().long()
+        line = int(node.max()) + SUPPORT
         nodes = (
             ((first - low)[..., None] + torch.arange(SUPPORT))[..., None] * line
-            + (position.floor().long()[..., None] + torch.arange(SUPPORT))[..., None, :]
+            + (node[..., None] + torch.arange(SUPPORT))[..., None, :]
         )
         weights = (samples.weights[..., None, None] * by_row[..., None] * by_delta[..., None, :]).float()
         n_nodes = (high - low) * line
@@ -263,15 +262,12 @@ class _Group:
                     (weights[q][seen].ravel().numpy(), columns.ravel().int().numpy(), ends.int().numpy()),
                     shape=(n_nodes, len(columns)),
                 )
-                pair = torch.cat([values[mirrored[q][seen]] for mirrored in place], 1)
+                one, mirrored = (values[side[q][seen]] for side in place)
+                pair = torch.cat([one + mirrored, one - mirrored], 1)
                 row.copy_(torch.from_numpy(matrix @ pair.numpy()).ravel())
             moments.addmm_(self.to_rings[:, some].float(), spread)
-        spectra = torch.fft.rfft(moments.view(len(self.rings), high - low, line, 2 * r), n=places, dim=2)
-        frequency = torch.arange(zone.frequencies)
-        # Nodes start one place before delta = 0; a spline's own transform is a power of a sinc.
-        shift = torch.polar(1 / torch.sinc(frequency / places) ** SUPPORT, frequency * (2 * pi / places))
-        spectra = spectra[:, :, : zone.frequencies] * shift[:, None].to(spectra.dtype)
-        return low, spectra[..., :r].conj() + spectra[..., r:]
+        sides = moments.view(len(self.rings), high - low, line, 2, r).permute(3, 4, 0, 1, 2)
+        return low, torch.stack([side @ wave.T for side, wave in zip(sides, waves(zone, line), strict=True)])
 
 
 def _reduced(part: Tensor, vectors: Tensor) -> Tensor:

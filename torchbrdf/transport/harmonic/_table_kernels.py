@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import GRID
+from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
@@ -28,9 +29,6 @@ _FEWEST_AZIMUTHS = 6
 
 _STEP = 0.45
 """Most knots that the light moves by between two half vectors of a meridian."""
-
-_PLACES = 4
-"""Nodes around the circle for each row of a zone, on which half vectors are spread by splines."""
 
 _DEGREE = 180 / pi
 
@@ -73,7 +71,7 @@ def table_kernels(
     used = to_rings.amax(0) > 0
     samples = _HalfVectors.of(zone, gamma[used], distance)
     first, by_row = _split(samples.beta * (zone.rows / pi), zone.rows)
-    place, by_place = _split(samples.delta * (_PLACES * zone.rows / (2 * pi)), _PLACES * zone.rows)
+    place, by_place = _split(samples.delta * (PLACES * zone.rows / (2 * pi)), PLACES * zone.rows)
     low, n_rows, line = int(first.min()), int(first.max() - first.min()) + 1, int(place.max()) + SUPPORT
     seen = values[samples.cell]
     if not symmetric:
@@ -91,10 +89,10 @@ def table_kernels(
     whole = moments.new_zeros(shifted.shape[4], 3, line, n_rows + SUPPORT - 1, len(rings))
     for i in range(SUPPORT):
         whole[:, :, :, i : i + n_rows] += shifted[:, :, :, i].permute(3, 4, 2, 1, 0)
-    waves = _waves(zone, line, min(frequencies, zone.frequencies))
+    frequencies = min(frequencies, zone.frequencies)
     even, *odd = (
         torch.matmul(wave, part.flatten(2)).view(3, len(wave), -1, len(rings))
-        for wave, part in zip(waves, whole, strict=False)
+        for wave, part in zip(waves(zone, line, frequencies), whole, strict=False)
     )
     return TableKernels(low, even.shape[2], even, *odd)
 
@@ -168,16 +166,3 @@ def _meridians(zone: Zone) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]
     first = (GRID[1] * GRID[2] * row.int()).repeat_interleave(count)
     waves = [(torch.sin(angle).float(), torch.cos(angle).float()) for angle in (theta_h, phi_h)]
     return waves[0], waves[1], measure.float(), first
-
-
-@lru_cache(maxsize=128)
-def _waves(zone: Zone, line: int, frequencies: int) -> tuple[Tensor, Tensor]:
-    """(M, line) each: cosines and sines at the nodes, of which the first lies one place before delta = 0.
-
-    A spline's own transform is a power of a sinc, by which they are divided.
-    """
-    places = _PLACES * zone.rows
-    frequency = torch.arange(frequencies, dtype=torch.float64)[:, None]
-    angle = frequency * ((torch.arange(line) - 1) * (2 * pi / places))
-    spread = torch.sinc(frequency / places) ** SUPPORT
-    return (torch.cos(angle) / spread).float(), (torch.sin(angle) / spread).float()
