@@ -19,10 +19,10 @@ from torchbrdf.rendering.tables import render
 from torchbrdf.report._deviations import Spread, relative_spread, retroreflection_rows
 from torchbrdf.report._figures import SURROUND, log_range, on_grey, plane_of_incidence, signed_map, theta_h_curve
 from torchbrdf.report._silhouette_section import Scene
+from torchbrdf.report.doubts import clamped_share
 from torchbrdf.report.evidence import (
     Evidence,
     Subject,
-    clamped_share,
     gather,
     leading_materials,
     other_light,
