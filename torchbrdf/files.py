@@ -134,7 +134,7 @@ def writing_folder(
         yield temporary
         with lock or nullcontext(), uninterrupted():
             path.mkdir(parents=True, exist_ok=True)
-            written = sorted(os.listdir(temporary), key=lambda name: name == last)
+            written = sorted(os.listdir(temporary), key=lambda name: (name == last, name))
             old = [name for name in (last, *obsolete) if name is not None and (name == last or name not in written)]
             for name in old:
                 (path / name).unlink(missing_ok=True)

@@ -9,7 +9,6 @@ import torch
 
 from pages import Page, pixels
 from torchbrdf.brdf.library import MaterialLibrary
-from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.images.display import exposure_for, stops_for
@@ -19,7 +18,6 @@ from torchbrdf.rendering.tables import render
 from torchbrdf.report._deviations import Spread, relative_spread, retroreflection_rows
 from torchbrdf.report._figures import SURROUND, log_range, on_grey, plane_of_incidence, signed_map, theta_h_curve
 from torchbrdf.report._silhouette_section import Scene
-from torchbrdf.report.doubts import clamped_share
 from torchbrdf.report.evidence import (
     Evidence,
     Subject,
@@ -333,15 +331,6 @@ def test_more_light_than_there_was_is_a_warning():
 def test_the_turn_takes_the_camera_side_to_image_right():
     turned = turn_about_y(90.0) @ torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     assert torch.allclose(turned, torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64), atol=1e-12)
-
-
-def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):
-    table = tiny_tables["white"]
-    values = table.values.clone()
-    row = table.valid[0, 0].sum()
-    values[0, 0, :, 0] = 0
-    expected = float(row) / (3 * float(table.valid.sum()))
-    assert clamped_share(MerlTable(values, table.valid)) == pytest.approx(expected)
 
 
 def test_leading_materials_rank_by_any_channel():
