@@ -40,7 +40,7 @@ def photos(tmp_path: Path, photographs: dict[str, Tensor]) -> Path:
 
 @pytest.fixture
 def probe(tmp_path: Path) -> Path:
-    tb.write_image(tmp_path / "probe.exr", tb.LightProbe.default(64).radiance, {"rows": "poles"})
+    tb.LightProbe.default(64).save(tmp_path / "probe.exr")
     return tmp_path / "probe.exr"
 
 
