@@ -257,6 +257,16 @@ class TestCombine:
         with pytest.raises(ValueError, match=r"must be \(1, 30, 3\) for these names and this library, got \(2,"):
             tiny_library.combine_each(torch.zeros(2, 30, 3), ["a"])
 
+    def test_what_was_not_measured_is_filled_as_the_table_would_be(self, tiny_library: MaterialLibrary):
+        table = tiny_library.combine(self.weights(30, 4).abs())
+        searched = MerlTable(table.values, table.valid).filled
+        assert torch.allclose(table.filled, searched, rtol=1e-6)
+
+    def test_materials_with_different_holes_are_filled_anew(self):
+        tables = [random_table("a", 1, 1, 0.7), random_table("b", 2, 1, 0.8)]
+        table = MaterialLibrary.from_tables(tables).combine(torch.full((6, 3), 0.1))
+        assert torch.equal(table.filled, MerlTable(table.values, table.valid).filled)
+
     def test_weights_with_a_gradient(self, tiny_library: MaterialLibrary):
         weights = torch.full((30, 3), 0.1, requires_grad=True)
         assert float(tiny_library.combine(weights).values.max()) > 0
@@ -274,6 +284,12 @@ class TestFromMerl:
     def test_equals_the_library_of_the_same_tables(self, merl_library: MaterialLibrary, merl_directory: Path):
         tables = [MerlTable.open(merl_directory / f"{name}.binary") for name in merl_library.names]
         assert MaterialLibrary.from_tables(tables).source == merl_library.source
+
+    def test_mapped_columns_can_be_given_back_while_they_are_read(self, merl_library: MaterialLibrary):
+        assert merl_library.stored.mapping is not None
+        weights = torch.randn(1, merl_library.n, 3, generator=torch.Generator().manual_seed(5))
+        kept, given_back = (merl_library.combine_each(weights, ["a"], keep=keep)[0] for keep in (True, False))
+        assert torch.equal(kept.values, given_back.values)
 
     def test_reopening_reads_neither_sources_nor_all_columns(
         self, merl_library: MaterialLibrary, merl_directory: Path, monkeypatch: pytest.MonkeyPatch

@@ -71,6 +71,11 @@ def test_unmeasured_cells_are_the_negative_ones_and_those_below_the_horizon(stor
     assert np.array_equal(opened.valid.numpy(), measured & above_horizon().numpy())
 
 
+def test_the_horizon_is_where_a_direction_of_the_pair_turns_below_it():
+    w_i, w_o = from_half_difference(*cell_centres())
+    assert torch.equal(above_horizon(), (w_i[..., 2] > 0) & (w_o[..., 2] > 0))
+
+
 def test_three_quarters_of_the_cells_lie_above_the_horizon():
     """Counted by the two cosines written out, not by `from_half_difference`."""
     theta_h = ((np.arange(90) + 0.5) / 90) ** 2 * (pi / 2)

@@ -2,13 +2,14 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.brdf._combination import combined
 from torchbrdf.brdf.column_sources import ROW_CELLS, MerlSource, ParameterSource, TableSource
 from torchbrdf.brdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
 from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
@@ -128,7 +129,7 @@ class MaterialLibrary:
         material = self.materials[self.position(name)]
         columns = slice(3 * material, 3 * material + 3)
         values = self.stored.columns[:, columns].cpu().double() * self.stored.scale[columns]
-        return MerlTable(values.reshape(*GRID, 3), self._valid(material), name)
+        return MerlTable.of_filled(values.view(*GRID, 3), _unpacked(self.stored.valid[material]), name)
 
     def combine(self, weights: Tensor, name: str = "combination") -> MerlTable:
         """The table rho = B w [CBP21, eq. 1], cells below zero set to zero.
@@ -140,8 +141,11 @@ class MaterialLibrary:
             raise ValueError(f"weights must be ({self.n}, 3) for this library, got {tuple(weights.shape)}")
         return self.combine_each(weights[None], [name])[0]
 
-    def combine_each(self, weights: Tensor, names: Sequence[str]) -> list[MerlTable]:
-        """`combine` of K sets of weights (K, n, 3), in the time of little more than one: the columns are read once."""
+    def combine_each(self, weights: Tensor, names: Sequence[str], keep: bool = True) -> list[MerlTable]:
+        """`combine` of K sets of weights (K, n, 3), in the time of little more than one: the columns are read once.
+
+        keep  see `StoredColumns.blocks`
+        """
         if weights.ndim != 3 or weights.shape != (len(names), self.n, 3):
             raise ValueError(
                 f"weights must be ({len(names)}, {self.n}, 3) for these names and this library, "
@@ -150,21 +154,21 @@ class MaterialLibrary:
         weights = weights.detach().cpu().double()
         has_weight = (weights != 0).any(2)  # (K, n)
         used = torch.nonzero(has_weight.any(0)).ravel()
-        columns = self.column_index[used]
-        device = self.stored.columns.device
-        scaled = (weights[:, used] * self.stored.scale[columns, None]).movedim(0, 1).flatten(1)
-        scaled = scaled.to(device, torch.float32)
-        whole = len(columns) > self.stored.columns.shape[1] // 4
-        values = torch.empty(len(names), N_CELLS, 3, dtype=torch.float64)
-        for start in range(0, N_CELLS, ROW_CELLS):
-            row = self.stored.columns[start : start + ROW_CELLS]
-            block = row.float()[:, columns] if whole else row[:, columns].float()
-            values[:, start : start + ROW_CELLS] = (block @ scaled).unflatten(1, (-1, 3)).movedim(1, 0)
-        values.clamp_min_(0)
+        values = combined(self.stored, self.column_index[used], weights[:, used], keep)
         return [
-            MerlTable(values[k].reshape(*GRID, 3), self._measured_by(torch.nonzero(has_weight[k]).ravel()), name)
-            for k, name in enumerate(names)
+            self._table(value, torch.nonzero(some).ravel().tolist(), name)
+            for value, some, name in zip(values, has_weight, names, strict=True)
         ]
+
+    def _table(self, values: Tensor, columns: Iterable[int], name: str) -> MerlTable:
+        """A table of combined columns, measured where all of their materials are."""
+        masks = self.stored.valid[sorted({self.materials[i // 3] for i in columns})]
+        common = torch.full_like(self.stored.valid[0], 0xFF)
+        for mask in masks:
+            common &= mask
+        filled = len(masks) > 0 and bool((masks == common).all())  # then columns are filled as the table would be
+        make = MerlTable.of_filled if filled else MerlTable
+        return make(values.view(*GRID, 3), _unpacked(common), name)
 
     def rows(self, cells: Tensor | slice) -> Tensor:
         """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured."""
@@ -184,16 +188,10 @@ class MaterialLibrary:
             values[cells] = function(self.rows(cells)).to(values)
         return values.reshape(*GRID, 3)
 
-    def _measured_by(self, columns: Tensor) -> Tensor:
-        """(90, 90, 180) bool: the cells that every material with one of these columns measured."""
-        valid = torch.ones(GRID, dtype=torch.bool)
-        for material in {self.materials[int(i) // 3] for i in columns}:
-            valid &= self._valid(material)
-        return valid
 
-    def _valid(self, material: int) -> Tensor:
-        bits = np.unpackbits(self.stored.valid[material].numpy())
-        return torch.from_numpy(bits.view(bool)).reshape(GRID)
+def _unpacked(bits: Tensor) -> Tensor:
+    """(90, 90, 180) bool of packed bits."""
+    return torch.from_numpy(np.unpackbits(bits.numpy()).view(bool)).reshape(GRID)
 
 
 def _check_different(names: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ import hashlib
 import json
 import mmap
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,6 +52,21 @@ class StoredColumns:
         """Ask the system to read the columns ahead: page by page, as a first gather would, takes far longer."""
         if self.mapping is not None and hasattr(mmap, "MADV_WILLNEED"):
             self.mapping.madvise(mmap.MADV_WILLNEED)
+
+    def blocks(self, cells: int, keep: bool = True) -> Iterator[tuple[int, Tensor]]:
+        """The first cell and the rows (cells, n) of all blocks of so many cells.
+
+        keep  False: a block that was read leaves the memory of this process at once, where columns are mapped; it
+              stays in the system's cache. Reading takes twice as long, and 100 materials count for 880 MB less
+        """
+        given_back = 0
+        for start in range(0, N_CELLS, cells):
+            rows = self.columns[start : start + cells]
+            yield start, rows
+            if not keep and self.mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
+                size = (start * rows.stride(0) + rows.numel()) * rows.element_size() // mmap.PAGESIZE * mmap.PAGESIZE
+                self.mapping.madvise(mmap.MADV_DONTNEED, given_back, size - given_back)
+                given_back = size
 
 
 def columns_of(materials: Sequence[int]) -> Tensor:

@@ -50,8 +50,9 @@ def cell_centres(dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor, Te
 @lru_cache(maxsize=1)
 def above_horizon() -> Tensor:
     """(90, 90, 180) bool: cells at whose centre both directions lie above the horizon (75 % of them)."""
-    w_i, w_o = from_half_difference(*cell_centres())
-    return (w_i[..., 2] > 0) & (w_o[..., 2] > 0)
+    theta_h, theta_d, phi_d = cell_centres()
+    tilt = torch.sin(theta_d) * torch.cos(phi_d) * torch.sin(theta_h)
+    return tilt.abs() < torch.cos(theta_d) * torch.cos(theta_h)  # z of w_i and w_o is the right side -+ the tilt
 
 
 def grid_coordinates(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -110,15 +111,19 @@ class MerlTable:
         object.__setattr__(self, "valid", self.valid.bool() & above_horizon().to(self.valid.device))
         if not self.valid.any():
             raise ValueError(f"{self.name}: the table has no measured cell: all are negative or below the horizon")
-        measured = self.values.detach()[self.valid]
+        values = self.values.detach()
+        least, most = values.aminmax()
+        if -LARGEST <= float(least) and float(most) <= LARGEST:
+            return  # not so where there is a NaN
+        measured = values[self.valid]
         unsound = int((~torch.isfinite(measured)).any(-1).sum())
         if unsound:
             raise ValueError(f"{self.name}: {unsound} cells of the table are NaN or infinite")
         excessive = int((measured.abs() > LARGEST).any(-1).sum())
         if excessive:
-            most = float(measured.abs().max())
             raise ValueError(
-                f"{self.name}: {excessive} cells of the table exceed {LARGEST:.0e} 1/sr, up to {most:.2g}, "
+                f"{self.name}: {excessive} cells of the table exceed {LARGEST:.0e} 1/sr, "
+                f"up to {float(measured.abs().max()):.2g}, "
                 "which no BRDF can"
             )
 
@@ -151,6 +156,13 @@ class MerlTable:
         except ValueError as error:
             problem = str(error).removeprefix(f"{path.stem}: ")
             raise ValueError(f"{path}: {problem}; the file is damaged: download or convert it again") from None
+
+    @classmethod
+    def of_filled(cls, values: Tensor, valid: Tensor, name: str = "unnamed") -> "MerlTable":
+        """A table in which cells that were not measured hold their nearest measured one already, see `filled`."""
+        table = cls(values, valid, name)
+        table.__dict__["filled"] = values.reshape(N_CELLS, 3)
+        return table
 
     @classmethod
     def from_function(cls, f_r: Callable[[Tensor, Tensor], Tensor], name: str = "unnamed") -> "MerlTable":
