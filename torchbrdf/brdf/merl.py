@@ -113,7 +113,7 @@ class MerlTable:
             raise ValueError(f"{self.name}: the table has no measured cell: all are negative or below the horizon")
         values = self.values.detach()
         least, most = values.aminmax()
-        if -LARGEST <= float(least) and float(most) <= LARGEST:
+        if float(least) >= -LARGEST and float(most) <= LARGEST:
             return  # not so where there is a NaN
         measured = values[self.valid]
         unsound = int((~torch.isfinite(measured)).any(-1).sum())

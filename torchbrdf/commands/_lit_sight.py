@@ -1,10 +1,12 @@
 """A photograph with its light, both aligned where that is asked for: what an estimator needs to know of it."""
 
+from __future__ import annotations
+
 import argparse
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-from torchbrdf.alignment import Alignment
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._inputs import open_library, open_probe
@@ -16,6 +18,9 @@ from torchbrdf.photograph import Observation
 from torchbrdf.report import Scene
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import View
+
+if TYPE_CHECKING:  # a photograph that is not aligned need not wait for it
+    from torchbrdf.alignment import Alignment
 
 _PROBES = 4
 """Kept open for the next photographs."""

@@ -136,9 +136,9 @@ class Estimates:
         return [fit_of(one, results[i], setting) for i, one in enumerate(observations)]
 
     def combined(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The same with their tables, made in one pass over the library."""
+        """The same with their tables, made in one pass over the library, which does not stay in memory for it."""
         weights = torch.stack([one.result.weights for one in fits])
-        tables = self.library.combine_each(weights, ["reconstruction"] * len(fits))
+        tables = self.library.combine_each(weights, ["reconstruction"] * len(fits), keep=False)
         return [replace(one, combined=table) for one, table in zip(fits, tables, strict=True)]
 
 
