@@ -46,10 +46,12 @@ def probe(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def fit(precomputed_library: object, precomputed_directory: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    """Runs the command without reports: its exit status, and the lines of stdout and stderr."""
+    """Runs the command, without reports but for `--report`: its exit status, and the lines of stdout and stderr."""
 
     def run(*words: object, out: Path | None = None) -> tuple[int, list[str], list[str]]:
-        files = ["--library", precomputed_directory, "--size", SIZE, "--no-report", "-o", out or tmp_path / "out"]
+        report = [] if "--report" in words else ["--no-report"]
+        words = tuple(word for word in words if word != "--report")
+        files = ["--library", precomputed_directory, "--size", SIZE, *report, "-o", out or tmp_path / "out"]
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", ".*material class")
             status = main([str(word) for word in ("fit", *words, *files)])
@@ -283,6 +285,41 @@ class TestWithoutReport:
         tb.write_image(photos / "bright.exr", 9 * photographs["paint"])
         _, _, errors = fit(photos / "bright.exr", "--probe", probe)
         assert any("no material does. The photograph and the light probe are in different units" in e for e in errors)
+
+
+@pytest.fixture
+def reports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages that hold their title, all with one doubt: the whole report takes longer than all the rest."""
+
+    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> list[str]:
+        path.write_text(settings["title"])
+        return ["The weights oscillate."]
+
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
+
+
+@pytest.mark.usefixtures("reports")
+class TestReports:
+    def test_each_has_its_own_and_its_warnings(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
+        given = [photos / "paint.exr", photos / "satin.exr"]
+        status, _, errors = fit(*given, "--probe", probe, "--report")
+        assert (status, errors) == (0, [f"torchbrdf: warning: {path}: The weights oscillate." for path in given])
+        for path in given:
+            folder = tmp_path / "out" / path.stem
+            assert names(folder) == FILES | {"report.html"}
+            assert (folder / "report.html").read_text() == path.name
+            record = json.loads((folder / "weights.json").read_text())
+            assert record["warnings"] == [f"{path}: The weights oscillate."]
+
+    def test_one_for_each_photograph_of_a_material(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
+        """What is said of both is said once."""
+        given = [photos / "paint.exr", photos / "satin.exr"]
+        _, _, errors = fit(*given, "--same-material", "--probe", probe, "--report")
+        assert [line for line in errors if "oscillate" in line] == ["torchbrdf: warning: The weights oscillate."]
+        out = tmp_path / "out"
+        assert {path.stem: path.read_text() for path in out.glob("*.html")} == {
+            "report_paint": "paint.exr", "report_satin": "satin.exr"
+        }  # fmt: skip
 
 
 class TestSameMaterial:
