@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+import torch
 from torch import Tensor
 
 from torchbrdf.brdf import MerlTable
@@ -74,7 +75,7 @@ def oscillation(weights: Tensor) -> float:
 def clamped_share(table: MerlTable) -> float:
     """Share of a table's measured values that are exactly zero: a combination is so only where it was clamped."""
     zero = (table.values == 0) & table.valid[..., None]
-    return float(zero.sum() / (3 * table.valid.sum()))
+    return int(torch.count_nonzero(zero)) / (3 * int(torch.count_nonzero(table.valid)))
 
 
 def doubts(
