@@ -214,7 +214,7 @@ def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys
         path.write_text("")
         return []
 
-    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", write)
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
     probe, view = tb.LightProbe.default(), tb.SphereView(32)
     image = tb.render(default_library.table("nylon"), probe, view, seed=5)
     padded = torch.nn.functional.pad(image, (7, 21, 12, 3), value=9.0)

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -210,6 +211,48 @@ class TestFolders:
             (temporary / "new").touch()
         assert sorted(os.listdir(tmp_path / "out")) == ["new", "old"]
         assert os.listdir(tmp_path) == ["out"]
+
+    def test_what_is_obsolete_goes_where_it_is_not_written_anew(self, tmp_path: Path):
+        (tmp_path / "out").mkdir()
+        for name in ("old", "new", "mine"):
+            (tmp_path / "out" / name).write_text("before")
+        with writing_folder(tmp_path / "out", obsolete=["old", "new", "never"]) as temporary:
+            (temporary / "new").write_text("after")
+        assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {
+            "new": "after", "mine": "before"
+        }  # fmt: skip
+
+    def test_the_last_file_is_there_with_all_others_only(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "last").write_text("before")
+        seen: list[list[str]] = []
+        replace = os.replace
+
+        def watched(source: Path, target: Path) -> None:
+            seen.append(sorted(os.listdir(tmp_path / "out")))
+            replace(source, target)
+
+        monkeypatch.setattr("os.replace", watched)
+        with writing_folder(tmp_path / "out", last="last") as temporary:
+            for name in ("z", "last", "a"):
+                (temporary / name).write_text("after")
+        assert seen == [[], ["a"], ["a", "z"]]
+        assert (tmp_path / "out" / "last").read_text() == "after"
+
+    def test_files_move_under_the_lock(self, tmp_path: Path):
+        events: list[object] = []
+
+        @contextmanager
+        def lock() -> Iterator[None]:
+            events.append(os.listdir(tmp_path / "out"))
+            yield
+            events.append(os.listdir(tmp_path / "out"))
+
+        (tmp_path / "out").mkdir()
+        with writing_folder(tmp_path / "out", lock=lock()) as temporary:
+            (temporary / "new").touch()
+            assert events == []
+        assert events == [[], ["new"]]
 
     def test_a_folder_is_replaced_as_a_whole(self, tmp_path: Path):
         (tmp_path / "out").mkdir()

@@ -65,7 +65,7 @@ def exit_status(
             if interruption.raised:  # as what ran in C or in another process passes it on
                 status, message = INTERRUPTED, interrupted
             else:
-                status = fail(name, _in_words(error))
+                status = fail(name, in_words(error))
         finally:
             if interruption.raised:
                 remove_unfinished(others)
@@ -77,7 +77,7 @@ def exit_status(
     return status
 
 
-def _in_words(error: Exception) -> str:
+def in_words(error: Exception) -> str:
     """What is wrong with the input or this machine; raises errors that are neither."""
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)

@@ -6,8 +6,8 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from torchbrdf.interruption import uninterrupted
@@ -106,8 +106,18 @@ def writing(path: str | os.PathLike[str], otherwise: str = "choose another folde
 
 
 @contextmanager
-def writing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary folder beside `path` whose files move into `path` when the block ends without an error."""
+def writing_folder(
+    path: str | os.PathLike[str],
+    last: str | None = None,
+    obsolete: Iterable[str] = (),
+    lock: AbstractContextManager[object] | None = None,
+) -> Iterator[Path]:
+    """A temporary folder beside `path` whose files move into `path` when the block ends without an error.
+
+    last      the file that tells that the others are whole: an old one goes first, the new one moves last
+    obsolete  files of `path` that do not belong beside the new ones, and go where they are not written anew
+    lock      held while files move
+    """
     path = Path(path)
     anchor = path.parent
     while not anchor.exists():
@@ -122,10 +132,14 @@ def writing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         except OSError as error:
             raise _unwritable(error, path) from None
         yield temporary
-        with uninterrupted():
+        with lock or nullcontext(), uninterrupted():
             path.mkdir(parents=True, exist_ok=True)
-            for file in temporary.iterdir():
-                os.replace(file, path / file.name)
+            written = sorted(os.listdir(temporary), key=lambda name: (name == last, name))
+            old = [name for name in (last, *obsolete) if name is not None and (name == last or name not in written)]
+            for name in old:
+                (path / name).unlink(missing_ok=True)
+            for name in written:
+                os.replace(temporary / name, path / name)
 
 
 @contextmanager

@@ -403,6 +403,20 @@ class TestFromMerl:
             assert torch.equal(again.gram, whole.gram)
             assert path.read_bytes() == raw
 
+    @pytest.mark.parametrize("format", [0, 2, None])
+    def test_a_cache_of_another_version_is_rebuilt(self, two_files: Path, fresh_cache: Path, format: int | None):
+        """Whose columns may mean something else."""
+        MaterialLibrary.from_merl(two_files, progress=False)
+        (path,) = fresh_cache.rglob("manifest.json")
+        whole = path.read_text()
+        path.write_text(json.dumps(json.loads(whole) | {"format": format}))
+        columns = path.with_name("columns.f16")
+        expected = columns.read_bytes()
+        columns.write_bytes(bytes(len(expected)))
+        MaterialLibrary.from_merl(two_files, progress=False)
+        assert path.read_text() == whole
+        assert columns.read_bytes() == expected
+
     @pytest.mark.parametrize(("stage", "at"), [("scan", 2), ("row", 60)])
     def test_an_interrupted_build_leaves_nothing_that_looks_finished(
         self, two_files: Path, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, stage: str, at: int

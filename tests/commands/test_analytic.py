@@ -243,7 +243,7 @@ def photo(folder: Path, light: Path, tiny_tables) -> Path:
 
 @pytest.mark.filterwarnings("ignore:.*material class:UserWarning")
 def test_uncertainty_of_a_photograph_weighs_the_cells(capsys, tmp_path, photo, light, tiny_library, monkeypatch):
-    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", lambda *_, **__: [])  # which takes longest
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", lambda *_, **__: [])  # which takes longest
     out = tmp_path / "result"
     monkeypatch.setattr("torchbrdf.commands._inputs.open_library", lambda _: tiny_library)
     fit = ["fit", str(photo), "--probe", str(light), "-o", str(out)]

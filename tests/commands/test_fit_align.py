@@ -40,7 +40,7 @@ def short_report(monkeypatch: pytest.MonkeyPatch) -> None:
         path.write_text(json.dumps(settings))
         return []
 
-    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", write)
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
 
 
 def run(photo: Path, probe: Path, library: Path, output: Path, *more: str) -> int:

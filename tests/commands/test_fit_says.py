@@ -34,7 +34,7 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         path.write_text("")
         return said
 
-    monkeypatch.setattr("torchbrdf.commands._reconstruction.write_report", write)
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
     return said
 
 

@@ -9,7 +9,6 @@ import torch
 
 from pages import Page, pixels
 from torchbrdf.brdf.library import MaterialLibrary
-from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.images.display import exposure_for, stops_for
@@ -22,7 +21,6 @@ from torchbrdf.report._silhouette_section import Scene
 from torchbrdf.report.evidence import (
     Evidence,
     Subject,
-    clamped_share,
     gather,
     leading_materials,
     other_light,
@@ -333,15 +331,6 @@ def test_more_light_than_there_was_is_a_warning():
 def test_the_turn_takes_the_camera_side_to_image_right():
     turned = turn_about_y(90.0) @ torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     assert torch.allclose(turned, torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64), atol=1e-12)
-
-
-def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):
-    table = tiny_tables["white"]
-    values = table.values.clone()
-    row = table.valid[0, 0].sum()
-    values[0, 0, :, 0] = 0
-    expected = float(row) / (3 * float(table.valid.sum()))
-    assert clamped_share(MerlTable(values, table.valid)) == pytest.approx(expected)
 
 
 def test_leading_materials_rank_by_any_channel():

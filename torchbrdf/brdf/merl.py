@@ -175,11 +175,13 @@ class MerlTable:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a MERL `.binary`; cells that were not measured become -1, negative measured ones 0."""
-        scaled = self.values.detach().cpu().double() / torch.tensor(CHANNEL_SCALE, dtype=torch.float64)
-        stored = torch.where(self.valid.cpu()[..., None], scaled.clamp_min(0), -1.0)
+        values, unmeasured = self.values.detach().cpu(), ~self.valid.cpu()
         with writing(path) as temporary, open(temporary, "wb") as file:
             np.array(GRID, "<i4").tofile(file)
-            np.ascontiguousarray(stored.reshape(N_CELLS, 3).T.numpy(), "<f8").tofile(file)
+            for channel, scale in enumerate(CHANNEL_SCALE):
+                plane = values[..., channel].double() / scale
+                plane.clamp_min_(0).masked_fill_(unmeasured, -1.0)
+                plane.contiguous().numpy().astype("<f8", copy=False).tofile(file)
 
     @cached_property
     def filled(self) -> Tensor:

@@ -123,8 +123,8 @@ def silhouette_record(ball: FoundSilhouette) -> dict[str, object]:
     }
 
 
-def write(folder: Path, found: Alignment, primaries: ColourSpace) -> None:
-    """Write alignment.json and aligned_probe.exr, in this colour space, into a folder."""
+def write(record_path: Path, probe_path: Path, found: Alignment, primaries: ColourSpace) -> None:
+    """Write alignment.json and the aligned probe, in this colour space."""
     record = {
         "rotation": found.rotation.tolist(),
         "degrees": found.angle,
@@ -137,9 +137,9 @@ def write(folder: Path, found: Alignment, primaries: ColourSpace) -> None:
         "exposure_log_std": None if found.exposure is None else found.exposure.std.tolist(),
         "lamp": None if found.lamp is None else _lamp_record(found.lamp),
     }
-    with writing(folder / "alignment.json") as path:
+    with writing(record_path) as path:
         path.write_text(json.dumps(record, indent=1) + "\n")
-    found.probe.save(folder / "aligned_probe.exr", primaries)
+    found.probe.save(probe_path, primaries)
 
 
 def _lamp_record(lamp: LampRadiance) -> dict[str, object]:

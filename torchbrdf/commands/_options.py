@@ -75,8 +75,8 @@ def add_size(parser: argparse.ArgumentParser, default: int | None, text: str) ->
 
 def add_samples(parser: argparse.ArgumentParser, default: int | None, text: str) -> None:
     """`--samples` a pixel; a text whose default is None says what that means."""
-    kind, text = whole_number(_FEWEST_SAMPLES, _MOST_SAMPLES), text if default is None else f"{text}; default: {default}"
-    parser.add_argument("--samples", type=kind, default=default, metavar="N", help=text)
+    kind, known = whole_number(_FEWEST_SAMPLES, _MOST_SAMPLES), "" if default is None else f"; default: {default}"
+    parser.add_argument("--samples", type=kind, default=default, metavar="N", help=f"{text}{known}")
 
 
 class _Direction(argparse.Action):
@@ -102,10 +102,14 @@ def add_table(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("brdf", type=Path, metavar="BRDF", help=TABLE_HELP)
 
 
-def add_light(parser: argparse.ArgumentParser, required: bool = True, default: str | None = None) -> None:
-    """`--probe` and how to read it."""
+def add_light(
+    parser: argparse.ArgumentParser, required: bool = True, default: str | None = None, several: bool = False
+) -> None:
+    """`--probe` and how to read it; `several`: it may be given once for each photograph, and is a list."""
     text = 'light probe, .exr or .hdr (or .tif, .pfm, .npy); "default" for the embedded one'
-    parser.add_argument("--probe", required=required and default is None, default=default, help=text)
+    kind: dict[str, Any] = {"action": "append"} if several else {}
+    text += "; once for each photograph, or once for all" if several else ""
+    parser.add_argument("--probe", required=required and default is None, default=default, help=text, **kind)
     add_reading(parser, "probe")
     text = "linear RGB of photograph, light and BRDF, to which files are converted; default: %(default)s"
     parser.add_argument("--primaries", choices=get_args(ColourSpace), default=DEFAULT_SPACE, help=text)

@@ -1,32 +1,60 @@
 """An observation becomes a table: what `fit`, `live` and `demo` share."""
 
-import json
-import warnings
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import torch
 from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.commands._inputs import RESULT
-from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, Constraint, MaterialClasses, Penalty, Reconstruction
-from torchbrdf.files import writing
-from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
+from torchbrdf.estimation import (
+    DEFAULT_PENALTY,
+    BRDFEstimator,
+    Constraint,
+    MaterialClasses,
+    Observability,
+    Penalty,
+    Reconstruction,
+)
+from torchbrdf.lasting import LastFew
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
 from torchbrdf.rendering import render_basis
-from torchbrdf.report import Scene, Subject, write_report
+from torchbrdf.report import Subject
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
+
+_VIEWS = 4
+"""Whose estimators are kept for the next photographs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A light and a view, and the estimator for them: what photographs share."""
+
+    probe: LightProbe
+    view: View
+    basis: BasisImages
+    estimator: BRDFEstimator
+    library: MaterialLibrary
+
+    @cached_property
+    def observability(self) -> Observability:
+        """What the light and the view can tell."""
+        return self.estimator.observability(self.library)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """An observation and what came of it."""
+    """An observation and what came of it.
+
+    combined  the table where it was made without those of the classes
+    """
 
     subject: Subject
-    classes: MaterialClasses
-    estimator: BRDFEstimator
+    setting: Setting
+    combined: MerlTable | None = None
 
     @property
     def result(self) -> Reconstruction:
@@ -34,15 +62,90 @@ class Fit:
         return self.subject.result
 
     @property
+    def estimator(self) -> BRDFEstimator:
+        """Which found them."""
+        return self.setting.estimator
+
+    @property
+    def classes(self) -> MaterialClasses:
+        """Of the library."""
+        return self.estimator.classes
+
+    @property
     def table(self) -> MerlTable:
         """What they weigh, as one table."""
-        return self.subject.tables[0]
+        return self.combined or self.subject.tables[0]
 
     @property
     def image(self) -> Tensor:
         """(3, H, W): the photograph as the weights explain it."""
         image = self.result.image
         return image[0] if isinstance(image, tuple) else image
+
+
+class Estimates:
+    """How photographs are explained: by one library, with one penalty; estimators of the last few views are kept."""
+
+    def __init__(
+        self,
+        library: MaterialLibrary,
+        penalty: Penalty = DEFAULT_PENALTY,
+        constraint: Constraint | None = None,
+        robust: bool = False,
+    ) -> None:
+        """As `BRDFEstimator` takes them."""
+        self.library, self.classes = library, MaterialClasses.fit(library)
+        self._penalty: Penalty = penalty
+        self._constraint, self._robust = constraint, robust
+        self._bases: LastFew[tuple[str, str], BasisImages] = LastFew(_VIEWS)
+        self._settings: LastFew[tuple[str, str], Setting] = LastFew(_VIEWS)
+
+    def basis(self, probe: LightProbe, view: View) -> BasisImages:
+        """The images of a view under a light."""
+        key = probe.fingerprint, view.fingerprint
+        return self._bases.get_or_make(key, lambda: render_basis(self.library, probe, view, progress=True))
+
+    def setting(self, probe: LightProbe, view: View, basis: BasisImages | None = None) -> Setting:
+        """That of a light and a view.
+
+        basis  rendered before, with this library, probe and view
+        """
+
+        def made() -> Setting:
+            images = basis or self.basis(probe, view)
+            return Setting(probe, view, images, self.estimator(images), self.library)
+
+        return self._settings.get_or_make((probe.fingerprint, view.fingerprint), made)
+
+    def estimator(self, basis: BasisImages | Sequence[BasisImages]) -> BRDFEstimator:
+        """One for basis images of this library."""
+        return BRDFEstimator(
+            basis,
+            self.classes,
+            self._penalty,
+            constraint=self._constraint,
+            library=self.library,
+            robust=self._robust,
+        )
+
+    def fits(self, observations: Sequence[Observation], setting: Setting) -> list[Fit]:
+        """Explain photographs of as many materials."""
+        results = setting.estimator(
+            torch.stack([one.image for one in observations]), torch.stack([one.mask for one in observations])
+        )
+        return [fit_of(one, results[i], setting) for i, one in enumerate(observations)]
+
+    def combined(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same with their tables, made in one pass over the library, which does not stay in memory for it."""
+        weights = torch.stack([one.result.weights for one in fits])
+        tables = self.library.combine_each(weights, ["reconstruction"] * len(fits), keep=False)
+        return [replace(one, combined=table) for one, table in zip(fits, tables, strict=True)]
+
+
+def fit_of(observation: Observation, result: Reconstruction, setting: Setting) -> Fit:
+    """A single result with what it was made from."""
+    parts = setting.basis, setting.library, setting.probe, setting.view
+    return Fit(Subject(observation.image, observation.mask, result, *parts), setting)
 
 
 def fit(
@@ -62,35 +165,8 @@ def fit(
     basis  rendered before, with this library, probe and view
     """
     view = view or SphereView(observation.image.shape[-1])
-    basis = basis or render_basis(library, probe, view, progress=True)
-    classes = MaterialClasses.fit(library)
-    estimator = BRDFEstimator(basis, classes, penalty, constraint=constraint, library=library, robust=robust)
-    result = estimator(observation.image, observation.mask)
-    return Fit(Subject(observation.image, observation.mask, result, basis, library, probe, view), classes, estimator)
-
-
-def write_results(
-    folder: Path,
-    fitted: Fit,
-    settings: dict[str, str],
-    primaries: ColourSpace = DEFAULT_SPACE,
-    scene: Scene | None = None,
-) -> None:
-    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; warns of all that the report does."""
-    fitted.table.save(folder / RESULT)
-    write_image(folder / "fitted.exr", fitted.image, primaries=primaries)
-    with writing(folder / "weights.json") as path:
-        path.write_text(json.dumps({**weights_record(fitted), "primaries": primaries}, indent=1) + "\n")
-    description = settings | {
-        "penalty": str(fitted.estimator.penalty),
-        "constraint": str(fitted.estimator.constraint or "none"),
-        "outliers": "left out" if fitted.estimator.robust else "used",
-        "classes": f"{fitted.classes.sizes} basis BRDFs",
-    }
-    observability = fitted.estimator.observability(fitted.subject.library)
-    warned = write_report(folder / "report.html", fitted.subject, description, observability=observability, scene=scene)
-    for warning in warned:
-        warnings.warn(warning, UserWarning, stacklevel=2)
+    estimates = Estimates(library, penalty, constraint, robust)
+    return estimates.fits([observation], estimates.setting(probe, view, basis))[0]
 
 
 def weights_record(fitted: Fit) -> dict[str, object]:

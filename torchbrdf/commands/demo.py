@@ -21,7 +21,8 @@ def run(options: argparse.Namespace) -> int:
 
     from torchbrdf.brdf import MaterialLibrary
     from torchbrdf.commands._demonstration import MATERIAL, NOISE, photographed
-    from torchbrdf.commands._reconstruction import fit, summary, write_results
+    from torchbrdf.commands._reconstruction import fit, summary
+    from torchbrdf.commands._results import write_results
     from torchbrdf.images import relative_rms, write_image
     from torchbrdf.light import LightProbe
     from torchbrdf.rendering import render

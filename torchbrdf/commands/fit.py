@@ -13,9 +13,14 @@ _ONLY_WITH_ALIGN = ("search", "keep_silhouette", "blur", "exposure", "white_bala
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is photographed, under which light, and how it is explained."""
-    text = "linear HDR photograph of the ball or the shape: .exr, .hdr, .tif, .pfm or .npy"
-    parser.add_argument("photo", type=Path, help=text)
-    add_light(parser)
+    text = (
+        "linear HDR photograph of the ball or the shape: .exr, .hdr, .tif, .pfm or .npy; several, or a folder of them, "
+        "are of as many materials: each gets a folder OUTPUT/NAME"
+    )
+    parser.add_argument("photos", type=Path, nargs="+", metavar="PHOTO", help=text)
+    text = "they are of one material: explain them together"
+    parser.add_argument("--same-material", action="store_true", help=text)
+    add_light(parser, several=True)
     add_shape(parser)
     add_camera(parser)
     parser.add_argument("--basis", type=Path, help="basis images of `torchbrdf bake`, for the same probe and view")
@@ -32,66 +37,62 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--exposure", action="store_true", help=text)
     group.add_argument("--white-balance", action="store_true", help="the same for each colour channel")
     parser.add_argument("--uncertainty", action="store_true", help=f"also write {STD}: how sure each cell is")
+    parser.add_argument("--no-report", action="store_true", help="make no report.html, which takes the longest")
+    text = "of several photographs, explain those again that are finished"
+    parser.add_argument("--overwrite", action="store_true", help=text)
     add_strict(parser)
     add_output(parser, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
 
 def run(options: argparse.Namespace) -> int:
     """Recover the BRDF of a photographed ball, or another known shape: brdf.binary, weights.json, report.html."""
-    from torchbrdf.brdf import MerlTable, above_horizon
-    from torchbrdf.commands import _alignment
-    from torchbrdf.commands._inputs import open_library, open_probe
-    from torchbrdf.commands._reconstruction import fit, summary, write_results
-    from torchbrdf.commands._sight import read_observation
-    from torchbrdf.transport import BasisImages
+    from torchbrdf.commands._photographs import photographs
 
+    options.probes = options.probe
     check_options(options)
-    with writing_folder(options.output) as folder:
-        size = options.size
-        if options.basis is not None and size is None:
-            size = BasisImages.load(options.basis).size[1]
-        sight = read_observation(options, size)
-        probe = open_probe(options)
-        lit = ", ".join(filter(None, (probe.name.removeprefix("light probe "), probe.reading)))
-        library = open_library(options)
-        basis = None if options.basis is None else BasisImages.load(options.basis, library, probe, sight.view)
-        settings = {
-            "title": options.photo.name,
-            "photograph": sight.about,
-            "light probe": lit,
-            "colours": f"linear {options.primaries}",
-        }
-        observation = sight.observation
-        written = "brdf.binary, weights.json, fitted.exr and report.html"
-        if not options.align:
-            _alignment.warn_of_lamps(probe, None)
-        else:
-            found = _alignment.aligned(options, sight, probe, library)
-            _alignment.warn_of_lamps(probe, found)
-            _alignment.warn_of_turn(found)
-            _alignment.warn_of_blur(found)
-            sight, probe = _alignment.seen_anew(sight, found), found.probe
-            observation = _alignment.divided(sight.observation, found)
-            basis = _alignment.basis_of(found)
-            _alignment.write(folder, found, options.primaries)
-            settings["alignment"] = str(found)
-            written = f"alignment.json, aligned_probe.exr, {written}"
-        fitted = fit(
-            observation, probe, library, options.penalty, sight.view, basis, options.constraint, options.robust
-        )
-        write_results(folder, fitted, settings, options.primaries, sight.scene)
-        if options.uncertainty:
-            deviation = fitted.result.brdf_std(library).double()
-            MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)
-            written = f"{STD}, {written}"
-    if not options.uncertainty:
-        (options.output / STD).unlink(missing_ok=True)  # of an earlier photograph
-    print(f"photograph {sight.about}")
-    print(f"light {lit}; {fitted.subject.basis.description}")
-    if options.align:
-        print(found)
+    given = photographs(options)
+    if options.same_material and len(given) > 1:
+        from torchbrdf.commands._joint import fit_together
+
+        return fit_together(options, given)
+    if options.same_material or (len(given) == 1 and not options.photos[0].is_dir()):
+        return _fit_one(given[0].its(options))
+    from torchbrdf.commands._batch import fit_each
+
+    return fit_each(options, given)
+
+
+def _fit_one(options: argparse.Namespace) -> int:
+    from torchbrdf.commands._lit_sight import Inputs, lit_sight
+    from torchbrdf.commands._reconstruction import summary, weights_record
+    from torchbrdf.commands._results import (
+        WEIGHTS,
+        in_words,
+        obsolete,
+        products,
+        warn_of_doubts,
+        write_table,
+        write_views,
+        write_weights,
+    )
+
+    with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
+        inputs = Inputs(options)
+        lit = lit_sight(options, inputs)
+        setting = inputs.estimates.setting(lit.probe, lit.view, lit.basis)
+        (fitted,) = inputs.estimates.fits([lit.observation], setting)
+        if options.no_report:
+            (fitted,) = inputs.estimates.combined([fitted])
+            warn_of_doubts(fitted)
+        write_table(folder, fitted, options.uncertainty)
+        write_views(folder, lit, fitted, options)
+        write_weights(folder, weights_record(fitted) | {"primaries": options.primaries})
+    print(f"photograph {lit.about}")
+    print(f"light {lit.light}; {setting.basis.description}")
+    if lit.found is not None:
+        print(lit.found)
     print(summary(fitted))
-    print(f"wrote {options.output}/{written}")
+    print(f"wrote {options.output}/{in_words(products(options))}")
     return 0
 
 

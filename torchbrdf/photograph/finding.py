@@ -122,7 +122,7 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
     refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
     seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
     kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(seen)]
-    found = [_found(outline, chart, pyramid.size) for outline in kept]
+    found = [one for outline in kept if (one := _found(outline, chart, pyramid.size)) is not None]
     return sorted(found, key=lambda one: -one.circle.radius)
 
 
@@ -148,7 +148,7 @@ def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None)
     if not refined:
         return None
     found = _found(max(refined, key=attrgetter("score")), chart, (height, width))
-    return found if found.sure and found.round else None
+    return found if found is not None and found.sure and found.round else None
 
 
 def _floor(pyramid: Pyramid) -> float | None:
@@ -184,10 +184,13 @@ def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
     return outline
 
 
-def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall:
-    """In the photograph."""
+def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall | None:
+    """In the photograph; None where it has become smaller than a ball may be."""
     x, y, radius = outline.place
-    silhouette = chart.silhouette(x, y, radius)
+    try:
+        silhouette = chart.silhouette(x, y, radius)
+    except ValueError:
+        return None
     std_x, std_y, std_radius = (radius * outline.std).tolist()
     ellipse = outline.ellipse
     edge = torch.from_numpy(chart.to_photograph(ellipse.points(_EDGE_POINTS)))

@@ -13,33 +13,12 @@ from torchbrdf.estimation import Reconstruction
 from torchbrdf.images import relative_rms
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_directional, render_tables
-from torchbrdf.report._albedo import directional_albedo, reflects_too_much
+from torchbrdf.report._albedo import directional_albedo
 from torchbrdf.report._deviations import Spread, gather_spread
+from torchbrdf.report.doubts import clamped_share, doubts, margin, second_best
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View
-
-LARGE_RESIDUAL = 0.05
-"""Relative error on the photograph above which the report warns."""
-
-SMALL_MARGIN = 1.1
-"""With a fixed penalty the report warns where the second best class leaves less than this times the best's residual."""
-
-SMALL_PROBABILITY = 0.5
-"""With probabilities the report warns where that of the most probable class is below this, so that the others together
-are more probable: three in ten of the measured photographs of docs/accuracy.md."""
-
-LARGE_SPREAD = 0.25
-"""Relative standard deviation of the picture under another light above which the report warns: one in twenty there."""
-
-OSCILLATION = 30.0
-"""The report warns where sum |w| exceeds this times |sum w|: large weights of both signs cancel each other.
-
-On real materials lambda = 0.5 stays near 3, lambda = 0.005 below 30, and least squares exceeds 100.
-"""
-
-LARGE_CLAMPED_SHARE = 0.02
-"""Share of values set to zero above which the report warns."""
 
 DIRECTIONAL_ANGLES = (0.0, 136.0)
 """The two directional lights of [CBP21, fig. 2], in degrees about +Y from the camera."""
@@ -173,67 +152,26 @@ class Evidence:
     @cached_property
     def runner_up(self) -> Candidate | None:
         """The second best class; None where there is only one."""
-        others = [candidate for candidate in self.candidates if candidate.index != self.chosen]
-        return min(others, key=lambda other: (-(other.probability or 0.0), other.error)) if others else None
+        return second_best(self.candidates, self.chosen)
 
     @property
     def margin(self) -> float:
         """The runner-up's error over that of the best; infinite without a runner-up or without a residual."""
-        if self.runner_up is None or self.best.error == 0:
-            return float("inf")
-        return self.runner_up.error / self.best.error
-
-    @property
-    def oscillation(self) -> float:
-        """sum |w| / |sum w|, both added up over the channels: the sum of one channel alone may pass through 0."""
-        return float(self.weights.abs().sum() / self.weights.sum(0).abs().sum().clamp_min(1e-12))
+        return margin(self.best, self.runner_up)
 
     @property
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the result, a sentence or two each."""
-        found = [] if self.distrust is None else [f"{self.distrust[0].upper()}{self.distrust[1:]}."]
-        if self.found.error > LARGE_RESIDUAL:
-            found.append(
-                f"The fit leaves {self.found.error:.1%} of the photograph unexplained. The probe may be turned or "
-                "scaled against the photograph, the silhouette may be another, the photograph may hold clipped "
-                "highlights, shadows or reflections of things near by, or the library lacks this kind of material."
-            )
-        if (too_much := reflects_too_much(self.albedo)) is not None:
-            found.append(
-                f"The result {too_much}: no material does. The photograph and the light probe are in different units; "
-                "scale one of them."
-            )
-        second = self.runner_up
-        if second is not None and self.best.probability is not None and self.best.probability < SMALL_PROBABILITY:
-            found.append(
-                f"The photograph does not tell the class: class {self.chosen} has a probability of "
-                f"{self.best.probability:.0%}, class {second.index} of {second.probability:.0%}. The result lies "
-                "between them. Compare the two below."
-            )
-        elif second is not None and self.best.probability is None and self.margin < SMALL_MARGIN:
-            found.append(
-                f"Class {second.index} fits almost as well as class {self.chosen} "
-                f"({second.error:.2%} against {self.best.error:.2%}): the choice could have gone the other "
-                "way. Compare the two below."
-            )
-        if self.spread is not None and self.spread.typical > LARGE_SPREAD:
-            found.append(
-                f"Under another light the picture is uncertain by {self.spread.typical:.0%} (one standard deviation): "
-                "this photograph leaves much of the BRDF to the library. A light with more contrast, or a second "
-                "photograph under another light, would tell more."
-            )
-        if self.oscillation > OSCILLATION:
-            found.append(
-                f"The weights oscillate: their magnitudes add up to {self.oscillation:.0f} times their sum, so large "
-                "positive and negative weights cancel each other. That fits this photograph and rarely any other; a "
-                "larger penalty helps."
-            )
-        if self.found.clamped > LARGE_CLAMPED_SHARE:
-            found.append(
-                f"{self.found.clamped:.1%} of the table's values came out negative and were set to zero. "
-                "Look for black spots and rings under the directional lights."
-            )
-        return found
+        return doubts(
+            error=self.found.error,
+            classes=self.candidates,
+            chosen=self.chosen,
+            albedo=self.albedo,
+            weights=self.weights,
+            clamped=self.found.clamped,
+            distrust=self.distrust,
+            spread=None if self.spread is None else self.spread.typical,
+        )
 
 
 def gather(subject: Subject, size: int, samples: int) -> Evidence:
@@ -278,9 +216,10 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
             table=table,
             clamped=clamped_share(table),
             novel=under_other if table is final else novel[j],
-            frontal=render_directional(table, sphere if table is final else small, DIRECTIONAL_ANGLES[0], irradiance=pi),
+            frontal=render_directional(table, ball, DIRECTIONAL_ANGLES[0], irradiance=pi),
         )
         for j, table in enumerate(tables)
+        for ball in (sphere if table is final else small,)
     )
     found = made[k if averaged else chosen]
     return Evidence(
@@ -318,11 +257,6 @@ def turn_about_y(angle_deg: float) -> Tensor:
     """(3, 3): the rotation that takes +Z (the camera's side) towards +X (image right)."""
     c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
     return torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]], dtype=torch.float64)
-
-
-def clamped_share(table: MerlTable) -> float:
-    """Share of a table's measured values that are exactly zero: a combination is so only where it was clamped."""
-    return float((table.values[table.valid] == 0).double().mean())
 
 
 def leading_materials(weights: Tensor, names: Sequence[str], count: int) -> tuple[str, ...]:

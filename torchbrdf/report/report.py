@@ -35,18 +35,15 @@ from torchbrdf.report._pictures import kind_of, light_picture, short_name, spher
 from torchbrdf.report._silhouette_section import Scene, silhouette_section
 from torchbrdf.report._slices import EXPLANATION as SLICE_EXPLANATION, slice_exposures, slice_figure
 from torchbrdf.report._spread import NINETY, spread_section
-from torchbrdf.report.evidence import (
+from torchbrdf.report.doubts import (
     LARGE_CLAMPED_SHARE,
     LARGE_RESIDUAL,
     LARGE_SPREAD,
     OSCILLATION,
     SMALL_MARGIN,
     SMALL_PROBABILITY,
-    TURN_DEG,
-    Evidence,
-    Subject,
-    gather,
 )
+from torchbrdf.report.evidence import TURN_DEG, Evidence, Subject, gather
 from torchbrdf.report.page import definitions, page, plate, section
 from torchbrdf.view import SphereView, View
 

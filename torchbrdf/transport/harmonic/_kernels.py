@@ -235,7 +235,7 @@ class _Group:
         return self.stored.columns[cells].float() * (self.stored.scale / self.norms).float()
 
     def _spectra(self, values: Tensor, place: Tensor) -> tuple[int, Tensor]:
-        """First elevation spline, and real and imaginary parts (2, r, G, E, M) of conj(kappa) of r mixtures (cells, r)."""
+        """First elevation spline, and conj(kappa) (2, r, G, E, M), real and imaginary, of mixtures (cells, r)."""
         from scipy.sparse import csc_matrix
 
         zone, samples = self.zone, self.samples

@@ -1,0 +1,35 @@
+"""Doubts about a result: without a report the same as in it, but for what needs pictures; shares that count."""
+
+import pytest
+import torch
+
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.estimation.classes import MaterialClasses
+from torchbrdf.estimation.estimator import BRDFEstimator
+from torchbrdf.light.probe import LightProbe
+from torchbrdf.rendering.basis import render_basis
+from torchbrdf.report.doubts import clamped_share, doubts_without_pictures
+from torchbrdf.report.evidence import Subject, gather
+from torchbrdf.view.sphere import SphereView
+
+
+@pytest.mark.parametrize("penalty", ["auto", 0.0])
+def test_without_a_report_they_are_those_of_the_report(tiny_library, penalty):
+    """Of a photograph that nothing explains, too bright for any material."""
+    probe, view = LightProbe.default(32), SphereView(12)
+    basis = render_basis(tiny_library, probe, view, samples=64)
+    photograph = 60 * torch.rand(3, 12, 12, generator=torch.Generator().manual_seed(0)) * view.mask
+    result = BRDFEstimator(basis, MaterialClasses.fit(tiny_library, n_classes=2, n_dims=2), penalty)(photograph)
+    expected = gather(Subject(photograph, view.mask, result, basis, tiny_library, probe, view), 8, 8).warnings
+    found = doubts_without_pictures(result, basis, result.brdf(tiny_library))
+    assert len(found) > 1
+    assert found == [text for text in expected if not text.startswith("Under another light")]
+
+
+def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):
+    table = tiny_tables["white"]
+    values = table.values.clone()
+    row = table.valid[0, 0].sum()
+    values[0, 0, :, 0] = 0
+    expected = float(row) / (3 * float(table.valid.sum()))
+    assert clamped_share(MerlTable(values, table.valid)) == pytest.approx(expected)

@@ -1,0 +1,101 @@
+"""Several photographs of one material, solved together."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+
+from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
+from torchbrdf.commands._photographs import Photograph
+from torchbrdf.commands._reconstruction import Fit, Setting, fit_of, summary, weights_record
+from torchbrdf.commands._results import (
+    WEIGHTS,
+    in_words,
+    obsolete,
+    products,
+    warn_of_doubts,
+    write_table,
+    write_views,
+    write_weights,
+)
+from torchbrdf.commands._said import about, kept, say
+from torchbrdf.estimation import Reconstruction
+from torchbrdf.files import writing_folder
+from torchbrdf.photograph import Observation
+from torchbrdf.transport import BasisImages
+
+
+def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph]) -> int:
+    """Explain photographs of one material by one table in `options.output`, beside views of each; returns 0."""
+    names = [one.name for one in photographs]
+    with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
+        inputs = Inputs(options)
+        lits = [lit_sight(one.its(options), inputs) for one in photographs]
+        whole, fits = _solved(options, inputs, lits)
+        write_table(folder, fits[0], options.uncertainty)
+        said: dict[Photograph, list[str]] = {one: [] for one in photographs}
+        for one, lit, fitted in zip(photographs, lits, fits, strict=True):
+            with kept(said[one]):
+                write_views(folder, lit, fitted, one.its(options), one.name)
+                if options.no_report:
+                    warn_of_doubts(fitted)
+        _say(said)
+        views = [
+            {"name": name, "relative_error": float(fitted.result.relative_error)}
+            | {"normal_coverage": fitted.subject.basis.normal_coverage}
+            for name, fitted in zip(names, fits, strict=True)
+        ]
+        files = {"primaries": options.primaries, "photographs": views, "files": products(options, names)}
+        write_weights(folder, weights_record(whole) | files)
+    for lit, fitted in zip(lits, fits, strict=True):
+        print(f"photograph {lit.about}; relative error {float(fitted.result.relative_error):.2%}")
+        print(f"light {lit.light}; {fitted.subject.basis.description}")
+    for lit in lits:
+        if lit.found is not None:
+            print(lit.found)
+    print(summary(whole))
+    print(f"wrote {options.output}/{in_words(products(options, names))}")
+    return 0
+
+
+def _solved(options: argparse.Namespace, inputs: Inputs, lits: Sequence[LitSight]) -> tuple[Fit, list[Fit]]:
+    """What explains all photographs, and the same as each of them shows it; with one table."""
+    estimates = inputs.estimates
+    bases = [lit.basis or estimates.basis(lit.probe, lit.view) for lit in lits]
+    estimator = estimates.estimator(bases)
+    settings = [
+        Setting(lit.probe, lit.view, basis, estimator, inputs.library) for lit, basis in zip(lits, bases, strict=True)
+    ]
+    seen = [lit.observation for lit in lits]
+    result = estimator([one.image for one in seen], [one.mask for one in seen])
+    parts = [
+        result if options.robust else seen_in(result, i, one, basis)
+        for i, (one, basis) in enumerate(zip(seen, bases, strict=True))
+    ]
+    fits = [fit_of(*each) for each in zip(seen, parts, settings, strict=True)]
+    first = estimates.combined(fits[:1])[0] if options.no_report else fits[0]
+    fits = [replace(one, combined=first.table) for one in fits]
+    return fit_of(seen[0], result, settings[0]), fits
+
+
+def seen_in(result: Reconstruction, i: int, observation: Observation, basis: BasisImages) -> Reconstruction:
+    """The result of several photographs with the errors that it and the classes leave on one of them."""
+    used = basis.pack(observation.mask)[0]
+    y, images = basis.pack(observation.image)[:, used].double(), basis.packed[..., used].double()
+    weights = torch.cat([result.weights[None], result.class_weights]).double()
+    residual = torch.einsum("kns,nsp->ksp", weights, images) - y
+    errors = residual.square().sum((-2, -1)).to(result.error)
+    image = result.image[i]
+    return replace(
+        result, image=image, error=errors[0], class_errors=errors[1:], energy=y.square().sum().to(result.energy)
+    )
+
+
+def _say(said: dict[Photograph, list[str]]) -> None:
+    """What holds of every photograph once, the rest with its name."""
+    first, *others = said.values()
+    common = [text for text in first if all(text in other for other in others)]
+    say(common)
+    for one, texts in said.items():
+        say(about(one.path, text) for text in texts if text not in common)

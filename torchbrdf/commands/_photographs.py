@@ -1,0 +1,73 @@
+"""Which photographs `torchbrdf fit` is given, what each is called, and under which probe it was taken."""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from torchbrdf.images import readable_suffixes
+
+_OF_FEW_BITS = (".png", ".jpg", ".jpeg")
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One of the files, and what of the options is its own.
+
+    name   of its results
+    probe  as `--probe` takes it
+    """
+
+    path: Path
+    name: str
+    probe: str
+
+    def its(self, options: argparse.Namespace) -> argparse.Namespace:
+        """The options with this photograph and its probe."""
+        return argparse.Namespace(**vars(options) | {"photo": self.path, "probe": self.probe})
+
+
+def photographs(options: argparse.Namespace) -> list[Photograph]:
+    """Those of `options.photos`, files and folders, in order; a folder's by name, less what other options name.
+
+    Raises ValueError for a folder without photographs, for two that would have the same results, and where there are
+    neither one `options.probes` nor as many as photographs; OSError for a folder that cannot be read.
+    """
+    paths = [path for given in options.photos for path in _files(given, options)]
+    taken: dict[str, Path] = {}
+    for path in paths:
+        other = taken.setdefault(path.stem.casefold(), path)
+        if other is not path:
+            both = f"{path} is given twice" if other == path else f"{other} and {path} have the same name"
+            raise ValueError(f"{both}, by which results are called: leave one out, rename it, or give it another -o")
+    probes = list(options.probes)
+    if len(probes) > 1 and any(given.is_dir() for given in options.photos):
+        raise ValueError(f"--probe is given {len(probes)} times: name the photographs in the same order")
+    if len(probes) not in (1, len(paths)):
+        raise ValueError(f"--probe is given {len(probes)} times for {len(paths)} photographs: give one, or one each")
+    probes *= len(paths) if len(probes) == 1 else 1
+    return [Photograph(path, path.stem, probe) for path, probe in zip(paths, probes, strict=True)]
+
+
+def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:
+    if not given.is_dir():
+        yield given
+        return
+    few_bits = () if options.allow_ldr or options.encoding else _OF_FEW_BITS
+    known = [suffix for suffix in readable_suffixes() if suffix not in few_bits]
+    named = [Path(value) for value in _values(options) if isinstance(value, str | Path) and Path(value).is_file()]
+    found = [
+        path
+        for path in sorted(given.iterdir())
+        if path.suffix.lower() in known and not path.name.startswith(".") and path.is_file()
+        and not any(path.samefile(other) for other in named)
+    ]  # fmt: skip
+    if not found:
+        raise ValueError(f"{given}: holds no photographs ({', '.join(known)}); those of 8 bits need --allow-ldr")
+    yield from found
+
+
+def _values(options: argparse.Namespace) -> Iterator[object]:
+    for key, value in vars(options).items():
+        if key != "photos":
+            yield from value if isinstance(value, list) else [value]

@@ -1,0 +1,118 @@
+"""What `fit` and `demo` write of a result into a folder."""
+
+import argparse
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+
+from torchbrdf.brdf import MerlTable, above_horizon
+from torchbrdf.commands import _alignment
+from torchbrdf.commands._inputs import RESULT
+from torchbrdf.commands._lit_sight import LitSight
+from torchbrdf.commands._options import STD
+from torchbrdf.commands._reconstruction import Fit, weights_record
+from torchbrdf.files import writing
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
+from torchbrdf.report import Scene, doubts_without_pictures, write_report
+
+WEIGHTS = "weights.json"
+"""Written last: where it is, the others are whole."""
+
+_ALIGNED = ("alignment.json", "aligned_probe.exr")
+_REPORT = "report.html"
+
+
+def products(options: argparse.Namespace, names: Sequence[str] = ()) -> list[str]:
+    """The files that `fit` writes.
+
+    names  of several photographs of one material, each of which has a part of its own
+    """
+    def each(*files: str) -> list[str]:
+        return [ended(file, name) for file in files for name in names] or list(files)
+
+    own = each("fitted.exr"), [] if options.no_report else each(_REPORT)
+    first = [STD] if options.uncertainty else [], each(*_ALIGNED) if options.align else []
+    return [*chain(*first), RESULT, WEIGHTS, *chain(*own)]
+
+
+def ended(file: str, name: str | None) -> str:
+    """The file of one of several photographs."""
+    return file if name is None else file.replace(".", f"_{name}.")
+
+
+def in_words(names: Sequence[str]) -> str:
+    """The files of a folder, for people."""
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def obsolete(folder: Path) -> list[str]:
+    """The files of an earlier run in a folder: those that `fit` may write, and those that weights.json tells of."""
+    found = [RESULT, WEIGHTS, STD, *_ALIGNED, "fitted.exr", _REPORT]
+    try:
+        listed = json.loads((folder / WEIGHTS).read_text())["files"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return found
+    return [*found, *(name for name in listed if isinstance(name, str) and Path(name).name == name)]
+
+
+def write_results(
+    folder: Path,
+    fitted: Fit,
+    settings: Mapping[str, str],
+    primaries: ColourSpace = DEFAULT_SPACE,
+    scene: Scene | None = None,
+) -> None:
+    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; warns of all that the report does."""
+    write_table(folder, fitted, uncertainty=False)
+    write_image(folder / "fitted.exr", fitted.image, primaries=primaries)
+    write_page(folder / _REPORT, fitted, settings, scene)
+    write_weights(folder, weights_record(fitted) | {"primaries": primaries})
+
+
+def write_table(folder: Path, fitted: Fit, uncertainty: bool) -> None:
+    """Write brdf.binary, and where that is asked for brdf_std.binary."""
+    fitted.table.save(folder / RESULT)
+    if uncertainty:
+        deviation = fitted.result.brdf_std(fitted.subject.library).double()
+        MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)
+
+
+def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Namespace, name: str | None = None) -> None:
+    """Write what belongs to one photograph: fitted.exr, what an alignment found, report.html unless that is unwanted.
+
+    name  of one of several photographs of a material
+    Warns of all that the report does.
+    """
+    if lit.found is not None:
+        record, probe = (folder / ended(file, name) for file in _ALIGNED)
+        _alignment.write(record, probe, lit.found, options.primaries)
+    write_image(folder / ended("fitted.exr", name), fitted.image, primaries=options.primaries)
+    if not options.no_report:
+        write_page(folder / ended(_REPORT, name), fitted, lit.settings(options), lit.scene)
+
+
+def write_page(path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scene | None) -> None:
+    """Write report.html, and warn of all that stands at its top."""
+    description = dict(settings) | {
+        "penalty": str(fitted.estimator.penalty),
+        "constraint": str(fitted.estimator.constraint or "none"),
+        "outliers": "left out" if fitted.estimator.robust else "used",
+        "classes": f"{fitted.classes.sizes} basis BRDFs",
+    }
+    observability = fitted.setting.observability
+    for doubt in write_report(path, fitted.subject, description, observability=observability, scene=scene):
+        warnings.warn(doubt, UserWarning, stacklevel=2)
+
+
+def warn_of_doubts(fitted: Fit) -> None:
+    """Warn of what the report would, as far as no picture is needed for it."""
+    for doubt in doubts_without_pictures(fitted.result, fitted.subject.basis, fitted.table):
+        warnings.warn(doubt, UserWarning, stacklevel=2)
+
+
+def write_weights(folder: Path, record: Mapping[str, object]) -> None:
+    """Write weights.json."""
+    with writing(folder / WEIGHTS) as path:
+        path.write_text(json.dumps(record, indent=1) + "\n")

@@ -1,0 +1,160 @@
+"""What a reader should know before trusting a result, with a report of it or without."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf import MerlTable
+from torchbrdf.estimation import Reconstruction
+from torchbrdf.report._albedo import directional_albedo, reflects_too_much
+from torchbrdf.transport import BasisImages
+
+LARGE_RESIDUAL = 0.05
+"""Relative error on the photograph above which a result is warned of."""
+
+SMALL_MARGIN = 1.1
+"""With a fixed penalty there is one where the second best class leaves less than this times the best's residual."""
+
+SMALL_PROBABILITY = 0.5
+"""With probabilities there is a warning where that of the most probable class is below this, so that the others
+together are more probable: three in ten of the measured photographs of docs/accuracy.md."""
+
+LARGE_SPREAD = 0.25
+"""Relative standard deviation of the picture under another light above which there is one: one in twenty there."""
+
+OSCILLATION = 30.0
+"""There is a warning where sum |w| exceeds this times |sum w|: large weights of both signs cancel each other.
+
+On real materials lambda = 0.5 stays near 3, lambda = 0.005 below 30, and least squares exceeds 100.
+"""
+
+LARGE_CLAMPED_SHARE = 0.02
+"""Share of values set to zero above which there is a warning."""
+
+
+class ClassFigures(Protocol):
+    """What one class makes of a photograph: its index, its probability (None with a fixed penalty), |Y w - y| / |y|."""
+
+    @property
+    def index(self) -> int | None: ...  # noqa: D102
+    @property
+    def probability(self) -> float | None: ...  # noqa: D102
+    @property
+    def error(self) -> float: ...  # noqa: D102
+
+
+Figures = TypeVar("Figures", bound=ClassFigures)
+
+
+@dataclass(frozen=True)
+class _Class:
+    index: int
+    probability: float | None
+    error: float
+
+
+def second_best(classes: Sequence[Figures], chosen: int) -> Figures | None:
+    """The most probable of the other classes, with a fixed penalty that of smallest error; None where there is none."""
+    others = [one for one in classes if one.index != chosen]
+    return min(others, key=lambda other: (-(other.probability or 0.0), other.error)) if others else None
+
+
+def margin(best: ClassFigures, second: ClassFigures | None) -> float:
+    """The second best's error over that of the best; infinite without a second or without a residual."""
+    return float("inf") if second is None or best.error == 0 else second.error / best.error
+
+
+def oscillation(weights: Tensor) -> float:
+    """sum |w| / |sum w| of weights (n, 3), both added up over the channels: one channel's sum may pass through 0."""
+    return float(weights.abs().sum() / weights.sum(0).abs().sum().clamp_min(1e-12))
+
+
+def clamped_share(table: MerlTable) -> float:
+    """Share of a table's measured values that are exactly zero: a combination is so only where it was clamped."""
+    zero = (table.values == 0) & table.valid[..., None]
+    return int(torch.count_nonzero(zero)) / (3 * int(torch.count_nonzero(table.valid)))
+
+
+def doubts(
+    *,
+    error: float,
+    classes: Sequence[ClassFigures],
+    chosen: int,
+    albedo: Tensor,
+    weights: Tensor,
+    clamped: float,
+    distrust: str | None,
+    spread: float | None,
+) -> list[str]:
+    """A sentence or two for each reason to doubt a result.
+
+    error     |Y w - y| / |y| of the result
+    chosen    the best of the classes
+    albedo    (4,)    directional, see `_albedo`
+    weights   (n, 3)
+    clamped   share of measured values at zero
+    distrust  why the shape tells too little (`BasisImages.distrust`), or None
+    spread    relative standard deviation of the picture under another light; None where that is not known
+    """
+    found = [] if distrust is None else [f"{distrust[0].upper()}{distrust[1:]}."]
+    if error > LARGE_RESIDUAL:
+        found.append(
+            f"The fit leaves {error:.1%} of the photograph unexplained. The probe may be turned or "
+            "scaled against the photograph, the silhouette may be another, the photograph may hold clipped "
+            "highlights, shadows or reflections of things near by, or the library lacks this kind of material."
+        )
+    if (too_much := reflects_too_much(albedo)) is not None:
+        found.append(
+            f"The result {too_much}: no material does. The photograph and the light probe are in different units; "
+            "scale one of them."
+        )
+    best, second = classes[chosen], second_best(classes, chosen)
+    if second is not None and best.probability is not None and best.probability < SMALL_PROBABILITY:
+        found.append(
+            f"The photograph does not tell the class: class {chosen} has a probability of "
+            f"{best.probability:.0%}, class {second.index} of {second.probability:.0%}. The result lies "
+            "between them. Compare the two in the report."
+        )
+    elif second is not None and best.probability is None and margin(best, second) < SMALL_MARGIN:
+        found.append(
+            f"Class {second.index} fits almost as well as class {chosen} "
+            f"({second.error:.2%} against {best.error:.2%}): the choice could have gone the other "
+            "way. Compare the two in the report."
+        )
+    if spread is not None and spread > LARGE_SPREAD:
+        found.append(
+            f"Under another light the picture is uncertain by {spread:.0%} (one standard deviation): "
+            "this photograph leaves much of the BRDF to the library. A light with more contrast, or a second "
+            "photograph under another light, would tell more."
+        )
+    if (ratio := oscillation(weights)) > OSCILLATION:
+        found.append(
+            f"The weights oscillate: their magnitudes add up to {ratio:.0f} times their sum, so large "
+            "positive and negative weights cancel each other. That fits this photograph and rarely any other; a "
+            "larger penalty helps."
+        )
+    if clamped > LARGE_CLAMPED_SHARE:
+        found.append(
+            f"{clamped:.1%} of the table's values came out negative and were set to zero. "
+            "Look for black spots and rings under directional lights."
+        )
+    return found
+
+
+def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: MerlTable) -> list[str]:
+    """The doubts about a single result of which no report is made: all but that about another light."""
+    errors = (result.class_errors / result.energy).clamp_min(0).sqrt().tolist()
+    probabilities = [None] * len(errors) if result.posteriors is None else result.class_probabilities.tolist()
+    return doubts(
+        error=float(result.relative_error),
+        classes=[_Class(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
+        chosen=int(result.class_index),
+        albedo=directional_albedo(table),
+        weights=result.weights.detach().cpu().double(),
+        clamped=clamped_share(table),
+        distrust=basis.distrust,
+        spread=None,
+    )
