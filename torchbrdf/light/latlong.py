@@ -38,7 +38,8 @@ def texel_coordinates(directions: Tensor, height: int, width: int) -> tuple[Tens
 
     theta comes from atan2: acos in float32 is off by half a texel of a large map near the poles.
     """
-    return _coordinates(*directions.unbind(-1), height, width)
+    d_x, d_y, d_z = directions.unbind(-1)
+    return _coordinates(d_x, d_y, d_z, height, width)
 
 
 def _coordinates(d_x: Tensor, d_y: Tensor, d_z: Tensor, height: int, width: int) -> tuple[Tensor, Tensor, Tensor]:
