@@ -1,6 +1,8 @@
 """The command line: `torchbrdf demo | fit | live | compare | analytic | render | bake | export | ...`."""
 
 import argparse
+import atexit
+import gc
 import sys
 import warnings
 from collections.abc import Sequence
@@ -11,6 +13,9 @@ from torchbrdf import commands
 from torchbrdf.command_line import WARNED, Parser, exit_status, say
 
 NAME = "torchbrdf"
+
+_LOOKS_ITSELF = "doctor"
+"""The command that does not compute, and says what is wrong with torch."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,7 +40,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     _refuse_to_overwrite_inputs(options)
+    if options.computes:
+        _load_torch()
     return int(options.run(options) or 0)
+
+
+def _load_torch() -> None:
+    """Import it while no garbage is collected, and keep what it holds out of all later collections.
+
+    They would go through its quarter of a million objects, again and again while they are made and twice at the end:
+    half a second of a short command.
+    """
+    if "torch" in sys.modules:
+        return
+    gc.disable()
+    try:
+        import torch  # noqa: F401
+    finally:
+        gc.freeze()
+        gc.enable()
+    atexit.register(gc.freeze)
 
 
 def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
@@ -57,7 +81,7 @@ def parser() -> argparse.ArgumentParser:
     for name, command in commands.found().items():
         text = (command.run.__doc__ or "").strip()
         added = chosen.add_parser(name, help=text.splitlines()[0], description=text)
-        added.set_defaults(run=command.run)
+        added.set_defaults(run=command.run, computes=name != _LOOKS_ITSELF)
         command.add_options(added)
     return whole
 

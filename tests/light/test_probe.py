@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from paths import ROOT
 from torchbrdf.images import read_image, write_image
 from torchbrdf.images.colour import luminance
-from torchbrdf.light.latlong import directions_at, texel_coordinates
+from torchbrdf.light.latlong import area_mean, bilinear, directions_at, rotate, texel_coordinates
 from torchbrdf.light.probe import LightProbe
 from turns import turn_about
 
@@ -708,3 +708,11 @@ def test_a_probe_file_with_invalid_texels():
     repaired = LightProbe(holes, repair=True).radiance
     assert torch.isfinite(repaired).all()
     assert torch.equal(repaired[:, valid], stored[:, valid].clamp_min(0))
+
+
+def test_rotated_texels_are_means_of_bilinear_lookups_over_their_footprints():
+    radiance = torch.rand(3, 9, 18, generator=torch.Generator().manual_seed(5))
+    rotation = rotation_matrix(7)
+    turned = rotate(radiance, rotation, supersampling=3)
+    expected = area_mean(lambda d: bilinear(radiance.double(), d.double() @ rotation), 9, 18, 3)
+    torch.testing.assert_close(turned, expected.float(), rtol=1e-5, atol=1e-5)

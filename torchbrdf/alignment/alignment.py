@@ -101,7 +101,7 @@ class Alignment:
 
     @cached_property
     def probe(self) -> LightProbe:
-        """The probe turned, and blurred where that was found; resampled, which takes a second."""
+        """The probe turned, and blurred where that was found; resampled."""
         return self.source.rotated(self.rotation)
 
     @property

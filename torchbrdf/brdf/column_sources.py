@@ -33,7 +33,7 @@ class ColumnSource(Protocol):
         ...
 
     def row(self, i: int) -> Tensor:
-        """(ROW_CELLS, n) float64: row i of all columns; unmeasured cells hold anything finite."""
+        """(ROW_CELLS, n) float32 or float64: row i of all columns; unmeasured cells hold anything finite."""
         ...
 
 
@@ -97,6 +97,7 @@ class ParameterSource:
     def __init__(self) -> None:
         """Read the parameters that come with the package."""
         self.names, self.parameters = load_default_parameters()
+        self._kept: dict[int, Tensor] = {}
 
     @property
     def stamp(self) -> str:
@@ -108,11 +109,12 @@ class ParameterSource:
 
     @cached_property
     def _peaks(self) -> Tensor:
-        """(m, 3): a bound of the largest f_r."""
+        """(m, 3): a bound of the largest f_r. Keeps the rows, 20 MB each, until `row` is asked for them."""
         peak = torch.zeros(3 * len(self.names), dtype=torch.float64)
         valid = above_horizon().reshape(GRID[0], ROW_CELLS)
         for i in range(0, GRID[0], 10):
-            peak = torch.maximum(peak, self.row(i)[valid[i]].amax(0))
+            self._kept[i] = self.row(i)
+            peak = torch.maximum(peak, self._kept[i][valid[i]].amax(0).double())
         return (self._HEADROOM * peak).reshape(-1, 3)
 
     def scan(self, material: int) -> tuple[Tensor, Tensor]:
@@ -121,8 +123,8 @@ class ParameterSource:
 
     def row(self, i: int) -> Tensor:
         """See ColumnSource."""
-        theta_h = float(cell_centres()[0][i])
-        return expand_row(self.parameters, theta_h).double()
+        kept = self._kept.pop(i, None)
+        return expand_row(self.parameters, float(cell_centres()[0][i])) if kept is None else kept
 
 
 def _extent(table: MerlTable) -> tuple[Tensor, Tensor]:

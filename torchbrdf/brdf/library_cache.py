@@ -162,21 +162,22 @@ def _convert(
         gram = torch.zeros(3 * m, 3 * m, dtype=torch.float64)
         for i in range(GRID[0]):
             row = source.row(i)
-            measured = row[everywhere[i]]
+            measured = row[everywhere[i]].double()
             gram += measured.T @ measured
-            write(i, (row / scale).half())
+            write(i, (row / scale.to(row.dtype)).half())  # exact but for the last step: of a power of two
             bar.update()
     return scale, gram, valid
 
 
 def _fill(columns: Tensor, valid: Tensor) -> None:
     """Give unmeasured cells the value of their nearest measured neighbour, in place."""
-    masks, member = torch.unique(_pack(valid), dim=0, return_inverse=True)
-    for k in range(len(masks)):
-        materials = torch.nonzero(member == k).ravel()
+    alike: dict[bytes, list[int]] = {}
+    for material, bits in enumerate(_pack(valid).numpy()):
+        alike.setdefault(bits.tobytes(), []).append(material)
+    for materials in alike.values():
         holes = torch.nonzero(~valid[materials[0]]).ravel()
         source = nearest_measured(valid[materials[0]])[holes]
-        which = columns_of(materials.tolist())
+        which = columns_of(materials)
         if len(which) == columns.shape[1]:
             columns[holes] = columns[source]
         else:

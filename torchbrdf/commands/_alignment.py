@@ -1,12 +1,14 @@
 """What `torchbrdf fit --align` finds, and what is written of it."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from torchbrdf.alignment import Alignment, FoundSilhouette, LampRadiance, align
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._sight import Sight
 from torchbrdf.files import writing
@@ -15,9 +17,14 @@ from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
 from torchbrdf.transport import BasisImages
 
+if TYPE_CHECKING:  # a photograph that is not aligned need not wait for it
+    from torchbrdf.alignment import Alignment, FoundSilhouette, LampRadiance
+
 
 def aligned(options: argparse.Namespace, sight: Sight, probe: LightProbe, library: MaterialLibrary) -> Alignment:
     """The alignment that the options ask for; of a ball with its silhouette, in the whole photograph."""
+    from torchbrdf.alignment import align
+
     guess = None if options.keep_silhouette else sight.silhouette
     seen = (
         (sight.observation.image, sight.observation.mask)

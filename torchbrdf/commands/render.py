@@ -11,7 +11,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_table(parser)
     add_light(parser)
     add_size(parser, 256, "pixels along a side; default: %(default)s")
-    add_samples(parser, None, "a pixel, on average, of the sampled transport; default: the harmonic one, which has none")
+    add_samples(parser, None, "a pixel, on average, of the sampled transport; default: the harmonic one, without")
     parser.add_argument("--exposure", type=number(0), default=1.0, help="factor on the radiance in a .png; default: 1")
     add_output(parser, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
 

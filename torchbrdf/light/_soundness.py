@@ -4,7 +4,6 @@ import math
 import sys
 import warnings
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -104,15 +103,15 @@ def share_and_place(flags: Tensor, weights: Tensor) -> str:
 
 def place(flags: Tensor) -> str:
     """In words: the rows and columns of the flagged texels (H, W), or of the largest patch of them."""
-    from scipy import ndimage  # here, because it is slow to import
+    import cv2  # here, because it is slow to import
 
-    patches, count = ndimage.label(flags.cpu().numpy(), np.ones((3, 3)))
-    largest = ndimage.find_objects(patches)[int(np.argmax(np.bincount(patches.ravel())[1:]))]
+    count, _, patches, _ = cv2.connectedComponentsWithStats(flags.to("cpu", torch.uint8).numpy(), connectivity=8)
+    left, top, width, height, _ = max(patches[1:].tolist(), key=lambda patch: (patch[4], -patch[1], -patch[0]))
     rows, columns = (
-        f"{axis} {one.start}" if one.stop - one.start == 1 else f"{axis}s {one.start} to {one.stop - 1}"
-        for axis, one in zip(("row", "column"), largest, strict=True)
+        f"{axis} {start}" if extent == 1 else f"{axis}s {start} to {start + extent - 1}"
+        for axis, start, extent in (("row", top, height), ("column", left, width))
     )
-    return ("" if count == 1 else f"in {count} places, the largest at ") + f"{rows}, {columns}, counted from 0"
+    return ("" if count == 2 else f"in {count - 1} places, the largest at ") + f"{rows}, {columns}, counted from 0"
 
 
 def _count(flags: Tensor, noun: str) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import torch
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 LEAST_HEIGHT = 512
 """Of what is made of a picture of texels that cover cells: bilinear lookups blur those less the finer they are cut.
@@ -20,6 +21,7 @@ The harmonic transport resolves 600 rows, so that as many cost it no time.
 
 CPU_CHUNK = 1 << 15  # directions at a time: on a CPU the intermediate arrays then stay in cache
 _AREA_MEAN_CHUNK = 1 << 20
+_ROTATION_CHUNK = 1 << 17
 
 
 def directions_at(x: Tensor, y: Tensor, height: int, width: int) -> Tensor:
@@ -37,6 +39,10 @@ def texel_coordinates(directions: Tensor, height: int, width: int) -> tuple[Tens
     theta comes from atan2: acos in float32 is off by half a texel of a large map near the poles.
     """
     d_x, d_y, d_z = directions.unbind(-1)
+    return _coordinates(d_x, d_y, d_z, height, width)
+
+
+def _coordinates(d_x: Tensor, d_y: Tensor, d_z: Tensor, height: int, width: int) -> tuple[Tensor, Tensor, Tensor]:
     sin_theta = torch.hypot(d_x, d_z)
     x = torch.atan2(d_x, -d_z) * (0.5 * width / math.pi)
     x = torch.where(x < 0, x + width, x) - 0.5
@@ -64,16 +70,20 @@ def bilinear(radiance: Tensor, directions: Tensor) -> Tensor:
 
 
 def _bilinear(texels: Tensor, directions: Tensor, height: int, width: int) -> Tensor:
-    x, y, _ = texel_coordinates(directions, height, width)
-    column, row, s, t = patch_of(x, y, height, width)
+    first, following, s, t = _corners(*texel_coordinates(directions, height, width)[:2], height, width)
     s, t = s[:, None].to(texels.dtype), t[:, None].to(texels.dtype)
-    first = row * width
-    following = first + torch.where(column == width - 1, 0, column + 1)
-    first += column
     upper = torch.lerp(texels.index_select(0, first), texels.index_select(0, following), s)
     first, following = first + width, following + width
     lower = torch.lerp(texels.index_select(0, first), texels.index_select(0, following), s)
     return torch.lerp(upper, lower, t)
+
+
+def _corners(x: Tensor, y: Tensor, height: int, width: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Of the patch that holds (x, y): the flat indices of its two upper texels, those below are `width` on; (s, t)."""
+    column, row, s, t = patch_of(x, y, height, width)
+    first = row * width
+    following = first + torch.where(column == width - 1, 0, column + 1)
+    return first + column, following, s, t
 
 
 def row_solid_angles(height: int, width: int, device: torch.device | str = "cpu") -> Tensor:
@@ -102,9 +112,31 @@ def rotate(radiance: Tensor, rotation: Tensor, supersampling: int = 5) -> Tensor
         columns = -math.atan2(r_xz, r_zz) * width / (2 * math.pi)
         if abs(columns - round(columns)) < 1e-4:
             return torch.roll(radiance, round(columns), dims=-1)
-    matrix = rotation.to(device=radiance.device, dtype=torch.float32)
-    # A row vector times R is R^T d: where the radiance now at d came from.
-    return area_mean(lambda d: bilinear(radiance, d @ matrix), height, width, supersampling, radiance.device)
+    theta, weights = (each.to(radiance.device, torch.float32) for each in _strips(height, supersampling))
+    phi = (torch.arange(supersampling * width, dtype=torch.float64) + 0.5) * (2 * math.pi / supersampling / width)
+    # A row vector times R is R^T d: where the radiance now at d came from. R^T d = sin(theta) around + cos(theta) up.
+    around = torch.outer(torch.sin(phi), rotation[0]) - torch.outer(torch.cos(phi), rotation[2])
+    around, up = (each.to(radiance.device, torch.float32) for each in (around, rotation[1]))
+    texels = radiance.flatten(1).t().contiguous()
+    at_once = max(1, _ROTATION_CHUNK // (width * supersampling**2))
+    rows = []
+    for part, weight in zip(theta[..., None].split(at_once), weights.split(at_once), strict=True):
+        sine, cosine = torch.sin(part), torch.cos(part)
+        d_x, d_y, d_z = (torch.addcmul(cosine * up[k], sine, around[:, k]) for k in range(3))
+        corners = _corners(*_coordinates(d_x, d_y, d_z, height, width)[:2], height, width)
+        seen = _sums(texels, *corners, width, supersampling).unflatten(0, (*part.shape[:2], width))
+        rows.append(torch.einsum("ypxc,yp->yxc", seen, weight / supersampling))
+    return _one_value_at_the_poles(torch.cat(rows).permute(2, 0, 1).contiguous())
+
+
+def _sums(texels: Tensor, first: Tensor, following: Tensor, s: Tensor, t: Tensor, width: int, count: int) -> Tensor:
+    """(N / count, channels): of each `count` bilinear lookups in a row, by their `_corners` (N)."""
+    both = s * t
+    taps = (first, 1 - s - t + both), (following, s - both), (first + width, t - both), (following + width, both)
+    return torch.stack([
+        embedding_bag(index.view(-1, count), texels, mode="sum", per_sample_weights=share.to(texels).view(-1, count))
+        for index, share in taps
+    ]).sum(0)
 
 
 def area_mean(

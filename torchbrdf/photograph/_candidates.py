@@ -12,8 +12,9 @@ from torchbrdf.photograph._pyramid import Pyramid
 Place = tuple[float, float, float]
 """x, y and radius of a circle in a chart."""
 
-_SIDE = 320
-"""Pixels along the longer side of the picture in which candidates are sought."""
+_SIDE, _FINEST = 320, 8 / 3
+"""Pixels along the longer side of the picture in which candidates are sought, and at most to one of the photograph: the
+least radius is 3 of those."""
 
 _LEAST, _MOST, _STEP = 8.0, 0.75, 1.05
 """Radii: the least in its pixels, the most in shorter sides, and their ratio."""
@@ -40,7 +41,7 @@ def seek(pyramid: Pyramid, chart: Chart, floor: float, most: int) -> list[Place]
     floor  radiance that is added before the logarithm: what differs by less is noise
     """
     left, top, right, bottom = chart.extent(pyramid.size)
-    step = max(right - left, bottom - top) / _SIDE
+    step = max(right - left, bottom - top) / min(_SIDE, _FINEST * max(pyramid.size))
     columns, rows = (np.arange(round((high - low) / step)) + 0.5 for low, high in ((left, right), (top, bottom)))
     points = np.stack(np.meshgrid(left + step * columns, top + step * rows), -1)
     picture = np.log(np.maximum(pyramid.sampled(chart.to_photograph(points), pyramid.level(step, 1)), 0) + floor)

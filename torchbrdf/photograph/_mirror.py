@@ -77,8 +77,7 @@ def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> 
         return outline
     offsets, basis = np.linspace(-reach, reach, _OFFSETS), rays.harmonics()
     trials = []
-    for blur in _BLURS:
-        edges = rays.votes(offsets, blur)
+    for blur, edges in zip(_BLURS, rays.votes(offsets, _BLURS), strict=True):
         for reflectance in _REFLECTANCES:
             likely = _log_likelihoods(rays, offsets, blur, reflectance)
             votes = edges + _votes(likely)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,10 +71,11 @@ class Rays:
         turns = [turn for k in range(1, order + 1) for turn in (np.cos(k * self.angles), np.sin(k * self.angles))]
         return np.stack([*turns[:2], np.ones_like(self.angles), *turns[2:]], -1)
 
-    def votes(self, offsets: np.ndarray, blur: float) -> np.ndarray:
-        """(A, R): log of how much likelier than anywhere an outline at each offset (R,) in radii is, ray by ray.
+    def votes(self, offsets: np.ndarray, blurs: tuple[float, ...]) -> Iterator[np.ndarray]:
+        """(A, R) for each blur: log of how much likelier than anywhere an outline at each offset (R,) is, ray by ray.
 
-        blur  standard deviation of what lens and pixels do, in pixels of the level
+        offsets  in radii
+        blurs    standard deviations of what lens and pixels do, in pixels of the level
         At each offset, an outline is compared with a smooth change, in pixels close to it: with what a ball may show
         there. Inside, radiance is linear in the cosine to the normal, which falls like a square root towards the rim;
         outside it is linear.
@@ -85,18 +87,23 @@ class Rays:
         soft = np.where(away < 0, -away - _INSIDE, away - _OUTSIDE) / _SOFT
         window = 1 / (1 + np.exp(np.clip(soft, -50, 50)))
         root = np.sqrt(window)[..., None]
-        edge = _projector(root, self._shown(offsets, blur / self.pixels))
-        smooth = _projector(root, (away / _OUTSIDE)[..., None] ** np.arange(4))
         whole = window.astype(np.float32) @ y**2
         count = window.sum(1, keepdims=True)
-        left = [np.maximum(whole - ((q @ y) ** 2).sum(1), 0) / count + _FLOOR**2 for q in (edge, smooth)]
-        gain = (0.5 * _SPACING * _TEMPER) * count * np.log(left[1] / left[0])
-        gain = gain.reshape(len(offsets), a, c).sum(2).T
-        likely = np.exp(gain - gain.max(1, keepdims=True).clip(min=0))
-        none = np.exp(-gain.max(1, keepdims=True).clip(min=0))
-        share = likely / (likely.mean(1, keepdims=True) + none)
-        votes = np.log((1 - _OUTLIERS) * share + _OUTLIERS)
-        return np.asarray(votes - votes.mean(1, keepdims=True), np.float64)
+
+        def left(functions: np.ndarray) -> np.ndarray:
+            explained = ((_projector(root, functions) @ y) ** 2).sum(1)
+            return np.asarray(np.maximum(whole - explained, 0) / count + _FLOOR**2)
+
+        smooth = left((away / _OUTSIDE)[..., None] ** np.arange(4))
+        for blur in blurs:
+            edge = left(self._shown(offsets, blur / self.pixels))
+            gain = (0.5 * _SPACING * _TEMPER) * count * np.log(smooth / edge)
+            gain = gain.reshape(len(offsets), a, c).sum(2).T
+            most = gain.max(1, keepdims=True).clip(min=0)
+            likely = np.exp(gain - most)
+            share = likely / (likely.mean(1, keepdims=True) + np.exp(-most))
+            votes = np.log((1 - _OUTLIERS) * share + _OUTLIERS)
+            yield np.asarray(votes - votes.mean(1, keepdims=True), np.float64)
 
     def _shown(self, offsets: np.ndarray, blur: float) -> np.ndarray:
         """(R, P, 4): constant and cosine inside an outline at each offset, constant and slope outside, blurred."""

@@ -11,7 +11,8 @@ from torch import Tensor
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
 from torchbrdf.photograph._filling import fills
-from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, find_balls
+from torchbrdf.photograph._pyramid import Pyramid
+from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, balls_of, find_balls
 from torchbrdf.photograph.silhouette import SNAP, Circle
 
 _LIKE_SIZE = 0.9
@@ -50,7 +51,8 @@ def locate(
     which more than a third is cut off, and for an outline that no sphere has before the camera.
     """
     height, width = image.shape[-2:]
-    found = find_balls(image, camera, usable)
+    pyramid = Pyramid.of(image, usable)
+    found = balls_of(pyramid, camera)
     balls = [ball for ball in found if ball.sure]
     parts = {"the photograph": Window(0, 0, width, height)} | ({"what was recorded": window} if window else {})
     square = {what: part for what, part in parts.items() if abs(part.width - part.height) < SNAP}
@@ -63,7 +65,7 @@ def locate(
             filling = crop if camera is None else Ball.of_circle(camera, crop.x, crop.y, crop.radius)
             return filling, f"as large as {what}"
     if camera is not None:
-        _check_camera(max((ball.score for ball in found), default=0.0), image, camera, usable)
+        _check_camera(max((ball.score for ball in found), default=0.0), pyramid, camera)
     if not balls:
         unknown = (
             "" if camera is not None else "; off the middle it is an ellipse, for which the camera is needed: --fov"
@@ -142,13 +144,13 @@ def _check(ball: FoundBall, camera: PinholeCamera | None, size: tuple[int, int])
         )
 
 
-def _check_camera(score: float, image: Tensor, camera: PinholeCamera, usable: Tensor | None) -> None:
+def _check_camera(score: float, pyramid: Pyramid, camera: PinholeCamera) -> None:
     """Raise where a circle is seen much better than what a ball is before the camera."""
     if score >= _WEAK:
         return
     circles = [
         ball
-        for ball in find_balls(image, None, usable)
+        for ball in balls_of(pyramid, None)
         if ball.sure and ball.score > _STRONGER * score and ball.rim >= _MOST_SEEN * (1 - ball.outside)
     ]
     if circles:

@@ -115,8 +115,12 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
     then finely; of those that overlap the best is kept, and settled by what goes on across it where edges say little.
     Background, reflections, stands and shadows weaken an outline and do not move it. Not all are `sure`.
     """
-    pyramid, chart = Pyramid.of(image, usable), chart_of(camera)
-    floor = _floor(pyramid)
+    return balls_of(Pyramid.of(image, usable), camera)
+
+
+def balls_of(pyramid: Pyramid, camera: PinholeCamera | None) -> list[FoundBall]:
+    """`find_balls`, in a photograph at several sizes."""
+    chart, floor = chart_of(camera), _floor(pyramid)
     if floor is None:
         return []
     refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]

@@ -1,7 +1,7 @@
 """The light-independent side of the harmonic transport of a single table: finer than a library's, not compressed.
 
-As in `_kernels`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated. They
-are as many as the knots of the light can tell apart. Errors: docs/transport.md.
+As in `_kernels`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated.
+They are as many as the knots of the light can tell apart. Errors: docs/transport.md.
 """
 
 from dataclasses import dataclass

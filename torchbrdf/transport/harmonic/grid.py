@@ -156,7 +156,8 @@ class Zone:
     @cached_property
     def _elevation_places(self) -> tuple[Tensor, Tensor]:
         places = _places(self.rows, self.quadrature)
-        return design_matrix(places, self.rows), torch.sin(places * (pi / self.rows)) * (pi / self.rows / self.quadrature)
+        step = pi / self.rows
+        return design_matrix(places, self.rows), torch.sin(places * step) * (step / self.quadrature)
 
     @cached_property
     def row_measure(self) -> Tensor:
