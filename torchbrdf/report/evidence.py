@@ -17,7 +17,7 @@ from torchbrdf.report._albedo import directional_albedo
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.report.doubts import clamped_share, doubts, margin, second_best
 from torchbrdf.transport import BasisImages
-from torchbrdf.transport.harmonic import HarmonicBasis, is_precomputed, table_pictures
+from torchbrdf.transport.harmonic import SHOWN, HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View
 
 DIRECTIONAL_ANGLES = (0.0, 136.0)
@@ -200,7 +200,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
     fits = basis.unpack(torch.einsum("kns,nsp->ksp", torch.stack(weights).to(basis.packed), basis.packed)).cpu()
     small = SphereView(min(size, _CANDIDATE_SIZE))
     final = tables[k if averaged else chosen]
-    under_other, under_turned = table_pictures(final, [(other, None), (probe, turn)], sphere)
+    under_other, under_turned = table_pictures(final, [(other, None), (probe, turn)], sphere, SHOWN)
     if is_precomputed(library):
         novel = HarmonicBasis(library, other, small).images_of(torch.stack(weights)).cpu()
     else:

@@ -1,3 +1,4 @@
+from ._table_kernels import SHOWN as SHOWN
 from .basis import HarmonicBasis as HarmonicBasis
 from .cache import (
     is_precomputed as is_precomputed,

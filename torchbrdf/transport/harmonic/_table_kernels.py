@@ -7,7 +7,7 @@ They are as many as the knots of the light can tell apart. Errors: docs/transpor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from math import ceil, pi
+from math import ceil, pi, radians
 
 import numpy as np
 import torch
@@ -18,25 +18,44 @@ from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
-_ROWS = (512, 256, 96, 96)
-_QUADRATURE = (2, 2, 2, 3)
-"""Of each zone, see `Zone`."""
-
-_AZIMUTHS = (1.25, 1.25, 1.25, 1.5)
-"""Half vectors about the normal for each knot of light that they pass, by zone."""
-
 _FEWEST_AZIMUTHS = 6
-
-_STEP = 0.45
-"""Most knots that the light moves by between two half vectors of a meridian."""
 
 _DEGREE = 180 / pi
 
 
-@lru_cache(maxsize=1)
-def table_zones() -> tuple[Zone, ...]:
-    """The zones of single tables."""
-    return tuple(Zone(i, rows, n) for i, (rows, n) in enumerate(zip(_ROWS, _QUADRATURE, strict=True)))
+@dataclass(frozen=True)
+class Detail:
+    """How finely a table and its light are seen.
+
+    rows, quadrature  of each zone, see `Zone`
+    azimuths          half vectors about the normal for each knot of light that they pass, by zone
+    step              most knots that the light moves by between two half vectors of a meridian
+    lines, blur       of the light, see `TurningLight`
+    """
+
+    rows: tuple[int, ...]
+    quadrature: tuple[int, ...]
+    azimuths: tuple[float, ...]
+    step: float
+    lines: int
+    blur: float
+
+    @property
+    def zones(self) -> tuple[Zone, ...]:
+        """The zones of single tables."""
+        return _zones(self.rows, self.quadrature)
+
+
+EXACT = Detail((512, 256, 96, 96), (2, 2, 2, 3), (1.25, 1.25, 1.25, 1.5), 0.45, 1152, radians(0.025))
+"""Within 0.5 % of converged, mirrors and small lamps included."""
+
+SHOWN = Detail((256, 128, 96, 96), (2, 2, 2, 2), (1.25, 1.25, 1.25, 1.25), 0.9, 576, radians(0.05))
+"""For pictures that are only looked at: within 1 %, but 3 % for mirrors under small lamps, in half the time."""
+
+
+@lru_cache(maxsize=4)
+def _zones(rows: tuple[int, ...], quadrature: tuple[int, ...]) -> tuple[Zone, ...]:
+    return tuple(Zone(i, *each) for i, each in enumerate(zip(rows, quadrature, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -55,7 +74,7 @@ class TableKernels:
 
 
 def table_kernels(
-    values: Tensor, symmetric: bool, zone: Zone, rings: range, frequencies: int, distance: float | None
+    values: Tensor, symmetric: bool, detail: Detail, zone: Zone, rings: range, frequencies: int, distance: float | None
 ) -> TableKernels:
     """The kernels of one group of rings.
 
@@ -69,7 +88,7 @@ def table_kernels(
     gamma, to_rings = zone.ring_quadrature
     to_rings = to_rings[rings.start : rings.stop]
     used = to_rings.amax(0) > 0
-    samples = _HalfVectors.of(zone, gamma[used], distance)
+    samples = _HalfVectors.of(detail, zone, gamma[used], distance)
     first, by_row = _split(samples.beta * (zone.rows / pi), zone.rows)
     place, by_place = _split(samples.delta * (PLACES * zone.rows / (2 * pi)), PLACES * zone.rows)
     low, n_rows, line = int(first.min()), int(first.max() - first.min()) + 1, int(place.max()) + SUPPORT
@@ -121,9 +140,9 @@ class _HalfVectors:
     delta: Tensor
 
     @staticmethod
-    def of(zone: Zone, gamma: Tensor, distance: float | None) -> "_HalfVectors":
+    def of(detail: Detail, zone: Zone, gamma: Tensor, distance: float | None) -> "_HalfVectors":
         """In the frame of the normal, whose first axis points down from the view direction."""
-        (sin_h, cos_h), (sin_p, cos_p), measure, row = _meridians(zone)
+        (sin_h, cos_h), (sin_p, cos_p), measure, row = _meridians(zone, detail.azimuths[zone.index], detail.step)
         tilt = torch.zeros_like(gamma) if distance is None else tilt_of(gamma, distance)
         sin_v, cos_v = (wave(gamma + tilt / 2).float()[:, None] for wave in (torch.sin, torch.cos))
         sin_g, cos_g = (wave(gamma - tilt / 2).float()[:, None] for wave in (torch.sin, torch.cos))
@@ -146,7 +165,9 @@ class _HalfVectors:
 
 
 @lru_cache(maxsize=8)
-def _meridians(zone: Zone) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor], Tensor, Tensor]:
+def _meridians(
+    zone: Zone, azimuths: float, step: float
+) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor], Tensor, Tensor]:
     """Sine and cosine of theta_h and of phi_h, the measure times the zone's window, and the first cell of the row."""
     edges = ((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)).tolist()
     knot = pi / zone.rows
@@ -154,12 +175,12 @@ def _meridians(zone: Zone) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]
     for i, (low, high) in enumerate(pairwise(edges)):
         if low < zone.reach:
             middle, half = (high + low) / 2, (high - low) / 2
-            nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(4 * half / (knot * _STEP))))
+            nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(4 * half / (knot * step))))
             points += [(i, middle + half * node, half * weight) for node, weight in zip(nodes, weights, strict=True)]
-    row, meridian, step = (torch.tensor(each, dtype=torch.float64) for each in zip(*points, strict=True))
+    row, meridian, reach = (torch.tensor(each, dtype=torch.float64) for each in zip(*points, strict=True))
     passed = pi * torch.sin((2 * meridian).clamp_max(pi / 2)) / knot
-    count = (_AZIMUTHS[zone.index] * passed).ceil().clamp_min(_FEWEST_AZIMUTHS)
-    measure = step * torch.sin(meridian) * zone.window(meridian) * (pi / count)
+    count = (azimuths * passed).ceil().clamp_min(_FEWEST_AZIMUTHS)
+    measure = reach * torch.sin(meridian) * zone.window(meridian) * (pi / count)
     count = torch.where(measure > 0, count, 0).long()
     theta_h, measure, apart = (each.repeat_interleave(count) for each in (meridian, measure, pi / count))
     phi_h = (torch.cat([torch.arange(n) for n in count.tolist()]) + 0.5) * apart

@@ -1,7 +1,6 @@
 """Pictures of single tables by the harmonic transport: no library, no samples, and as sharp as the light's texels."""
 
 from collections.abc import Sequence
-from math import radians
 
 import torch
 from torch import Tensor
@@ -9,21 +8,19 @@ from torch import Tensor
 from torchbrdf.brdf import MerlTable
 from torchbrdf.light import LightProbe
 from torchbrdf.transport.harmonic._polar_grid import PolarGrid
-from torchbrdf.transport.harmonic._table_kernels import TableKernels, table_kernels, table_zones
+from torchbrdf.transport.harmonic._table_kernels import EXACT, Detail, TableKernels, table_kernels
 from torchbrdf.transport.harmonic.light import TurningLight
 from torchbrdf.transport.harmonic.transport import frequencies_of
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
-_LINES = 1152
-_BLUR = radians(0.025)
-"""Of the light, see `TurningLight`."""
-
 _SYMMETRIC = 2e-3
 """Relative difference of f_r at phi_d and -phi_d below which one stands for both."""
 
 
-def table_pictures(table: MerlTable, lights: Sequence[tuple[LightProbe, Tensor | None]], view: View) -> Tensor:
+def table_pictures(
+    table: MerlTable, lights: Sequence[tuple[LightProbe, Tensor | None]], view: View, detail: Detail = EXACT
+) -> Tensor:
     """(L, 3, H, W) radiance of a view whose material is a table under each light, 0 outside the mask.
 
     lights  probes on one device, turned by a rotation (3, 3) as `LightProbe.rotated` turns them; None for none
@@ -37,16 +34,16 @@ def table_pictures(table: MerlTable, lights: Sequence[tuple[LightProbe, Tensor |
     coefficients = []
     for probe, rotation in lights:
         turn = rotation if frame is None else frame.T if rotation is None else frame.T.to(rotation) @ rotation
-        found = TurningLight(probe, _LINES, _BLUR, table_zones()).harmonics(turn)
+        found = TurningLight(probe, detail.lines, detail.blur, detail.zones).harmonics(turn)
         coefficients.append([part for part, _ in found])
     distance = faced.framing.distance if in_perspective(view) and faced.framing is not None else None
     values, symmetric = table.filled.float().cpu(), _is_symmetric(table)
-    grid = PolarGrid(table_zones(), 3 * len(lights), lights[0][0].device)
-    for zone, parts in zip(table_zones(), zip(*coefficients, strict=True), strict=True):
+    grid = PolarGrid(detail.zones, 3 * len(lights), lights[0][0].device)
+    for zone, parts in zip(detail.zones, zip(*coefficients, strict=True), strict=True):
         light = torch.stack(parts).unflatten(2, (2, 3))
         contained = frequencies_of(light.transpose(0, 1).flatten(1, -2))
         for rings in zone.groups:
-            kernels = table_kernels(values, symmetric, zone, rings, contained, distance)
+            kernels = table_kernels(values, symmetric, detail, zone, rings, contained, distance)
             grid.add(zone, rings, _series(kernels, light))
     return view.unpack(grid.seen_by(faced).unflatten(0, (-1, 3)))
 
