@@ -10,6 +10,7 @@ import json
 import mmap
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.brdf.column_sources import ROW_CELLS, ColumnSource
+from torchbrdf.brdf.gram import lower_gram
 from torchbrdf.brdf.merl import GRID, LARGEST, N_CELLS, nearest_measured
 from torchbrdf.files import OTHER_DISK, check_room, replacing_folder
 
@@ -131,8 +133,17 @@ def _build_folder(source: ColumnSource, folder: Path, progress: bool) -> None:
     stamp = source.stamp
     check_room(folder.parent, 1.05 * 2 * N_CELLS * 3 * len(source.names), "the library cache")
     with replacing_folder(folder, OTHER_DISK) as temporary:
-        with open(temporary / "columns.f16", "wb") as file:
-            scale, gram, valid = _convert(source, lambda _, rows: rows.numpy().tofile(file), progress)
+        with open(temporary / "columns.f16", "wb") as file, ThreadPoolExecutor(1) as writer:
+            written: list[Future[None]] = []
+
+            def write(_: int, rows: Tensor) -> None:
+                """While the next row is computed."""
+                for earlier in written:
+                    earlier.result()
+                written[:] = [writer.submit(rows.numpy().tofile, file)]
+
+            scale, gram, valid = _convert(source, write, progress)
+            written[0].result()
         _, columns = _map(temporary / "columns.f16", mmap.ACCESS_WRITE, len(source.names))
         _fill(columns, valid)
         save_file({"scale": scale, "gram": gram, "valid": _pack(valid)}, temporary / "library.safetensors")
@@ -163,10 +174,10 @@ def _convert(
         for i in range(GRID[0]):
             row = source.row(i)
             measured = row[everywhere[i]].double()
-            gram += measured.T @ measured
+            gram += lower_gram(measured.T)
             write(i, (row / scale.to(row.dtype)).half())  # exact but for the last step: of a power of two
             bar.update()
-    return scale, gram, valid
+    return scale, gram.tril() + gram.tril(-1).T, valid
 
 
 def _fill(columns: Tensor, valid: Tensor) -> None:
