@@ -190,7 +190,7 @@ def test_verify_names_sound_unsound_and_missing(capsys, tmp_path):
 
 def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys, tmp_path, monkeypatch):
     """With smaller pictures than usual."""
-    for name, value in {"_demonstration.SIZE": 24, "demo.PICTURE_SIZE": 48, "demo.PICTURE_SAMPLES": 256}.items():
+    for name, value in {"_demonstration.SIZE": 24, "demo.PICTURE_SIZE": 48}.items():
         monkeypatch.setattr(f"torchbrdf.commands.{name}", value)
     out = tmp_path / "demo"
     assert main(["demo", "-o", str(out)]) == 0

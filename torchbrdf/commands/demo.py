@@ -7,7 +7,6 @@ from torchbrdf.commands._options import add_output
 from torchbrdf.files import writing_folder
 
 PICTURE_SIZE = 192
-PICTURE_SAMPLES = 1024
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -44,8 +43,8 @@ def run(options: argparse.Namespace) -> int:
         }
         write_results(folder, fitted, settings)
         large = SphereView(PICTURE_SIZE)
-        expected = render(truth, novel, large, PICTURE_SAMPLES, seed=2)
-        got = render(fitted.table, novel, large, PICTURE_SAMPLES, seed=3)
+        expected = render(truth, novel, large)
+        got = render(fitted.table, novel, large)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
     print(summary(fitted))
     error = relative_rms(got, expected, large.mask)
