@@ -22,7 +22,7 @@ def render(
     Runs on the device of the probe, as `render_basis` does but in float32.
     """
     if samples is None and unsuited(view) is None:
-        return table_pictures(table, [(probe, None)], view)[0]
+        return table_pictures(table, [(probe, None)], view)[0].clamp_min(0)  # ringing about a lamp in the dark
     return render_tables([table], probe, view, DEFAULT_SAMPLES if samples is None else samples, seed)[0]
 
 

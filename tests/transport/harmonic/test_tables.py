@@ -70,7 +70,15 @@ def test_gradients_reach_the_light() -> None:
     radiance = lamps(32).radiance.requires_grad_()
     total = render(table_of(lambert(*ALBEDO)), LightProbe(radiance), SPHERE).sum()
     total.backward()
-    assert float((radiance.grad * radiance).sum()) == pytest.approx(float(total), rel=1e-4)
+    assert float((radiance.grad * radiance.detach()).sum()) == pytest.approx(float(total.detach()), rel=1e-4)
+
+
+def test_no_radiance_is_negative_about_a_lamp_in_the_dark() -> None:
+    radiance = torch.zeros(3, 64, 128)
+    radiance[:, 20, 40] = 1e4
+    table = table_of(TINY_MATERIALS["copper-0.08"])
+    picture = render(table, LightProbe(radiance), SPHERE)
+    assert float(picture.min()) == 0.0 < float(picture.max())
 
 
 def test_a_number_of_samples_asks_for_sampling() -> None:
