@@ -38,6 +38,11 @@ _SMALLEST_STEP = radians(0.01)
 MOST_STEPS = 12
 _FIRST_DAMPING = 0.5
 _MOST_DAMPING = 100.0
+_SAME_CHANGE = radians(1)
+"""Turn up to which the change of an image with turns is corrected rather than rendered anew."""
+
+_NEGLIGIBLE = 0.01
+"""Squared standard deviations of the posterior up to which a step is not worth another evaluation."""
 
 _COARSE_COLUMNS = 24
 _COARSE_LINES = 288
@@ -83,6 +88,15 @@ class Summit:
     converged: bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """How the image at a trial's solution changes with turns, (3, 3, P), and under which rotation that was rendered."""
+
+    trial: Trial
+    change: Tensor
+    rendered: Tensor
+
+
 def with_few_materials(light: HarmonicBasis, believed: Trial) -> HarmonicBasis:
     """The same light, less fine, and materials of the library that look different under what is believed of it."""
     distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
@@ -117,6 +131,7 @@ class RotationSearch:
         self.evaluations = 0
         self._doubt = redundancy(DOUBT, y.shape[-1])
         self._frame: tuple[Tensor, Tensor] | None = None
+        self._changes: _Changes | None = None
 
     def under(self, probe: LightProbe) -> "RotationSearch":
         """The same photograph under another probe, with evidence that compares."""
@@ -176,6 +191,7 @@ class RotationSearch:
             lambda trial, step: self.trial(rotation_of(step) @ trial.rotation),
             1.0,
             MOST_STEPS,
+            _NEGLIGIBLE,
         )
         volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
         return Summit(top.best, top.precision, top.height + volume, top.converged)
@@ -185,8 +201,22 @@ class RotationSearch:
         return self.derivatives(trial, self.turns(trial))
 
     def turns(self, trial: Trial) -> Tensor:
-        """(3, 3, P): how the image at the solution changes with turns about +X, +Y and +Z, per radian."""
-        return self.light.change_at(likeliest(trial.explanation)[2].mT, trial.rotation)[..., self.used].double()
+        """(3, 3, P): how the image at the solution changes with turns about +X, +Y and +Z, per radian.
+
+        Near where it was rendered last it is corrected by what the two solutions show of it [Bro65].
+        """
+        weights, last = likeliest(trial.explanation)[2], self._changes
+        turn = torch.zeros(3) if last is None else rotation_vector(trial.rotation @ last.trial.rotation.T)
+        if last is not None and bool(turn.any()) and _angle(trial.rotation, last.rendered) < _SAME_CHANGE:
+            moved = (trial.basis.packed - last.trial.basis.packed)[..., self.used]
+            missed = torch.einsum("sn,nsp->sp", weights.to(moved), moved).double()
+            missed = missed - torch.einsum("a,asp->sp", turn.to(missed), last.change)
+            change = last.change + (turn / turn.square().sum()).to(missed)[:, None, None] * missed
+            self._changes = _Changes(trial, change, last.rendered)
+        else:
+            change = self.light.change_at(weights.mT, trial.rotation)[..., self.used].double()
+            self._changes = _Changes(trial, change, trial.rotation)
+        return change
 
     def derivatives(self, trial: Trial, change: Tensor) -> tuple[Tensor, Tensor]:
         """First (K,) and minus second derivatives (K, K) of the log evidence, with the best prior and penalty.
@@ -214,6 +244,10 @@ class RotationSearch:
         variances = prior_variances(no_classes, norms, ImageSpace.weighted(packed, scale))
         self._frame = scale, variances
         return self._frame
+
+
+def _angle(a: Tensor, b: Tensor) -> float:
+    return float(rotation_vector(a @ b.T).norm())
 
 
 def likeliest(explanation: Explanation) -> tuple[int, int, Tensor]:
@@ -245,17 +279,21 @@ def ascend(
     moved: Callable[[Place, Tensor], Place],
     longest_stretch: float,
     most_steps: int,
+    negligible: float = 0.0,
 ) -> Top[Place]:
     """Gauss-Newton steps uphill, shorter ones where they led down, longer ones while they lead up.
 
     slope            first (K,) and minus second derivatives (K, K)
     moved            a place and a step (K,), in radians or radii, to another place
     longest_stretch  of steps: where the second derivatives are those of edges, they are too large between them
+    negligible       squared standard deviations from the top, by the derivatives, that end the climb
     """
     best, top, damping, stretch = start, height(start), 0.0, 1.0
     precision = torch.empty(0)
     for _ in range(most_steps):
         gradient, precision = slope(best)
+        if negligible and float(gradient @ torch.linalg.solve(precision, gradient)) < negligible:
+            return Top(best, top, precision, True)
         while True:
             step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
             step = step * min(stretch, _LONGEST_STEP / max(float(step.norm()), 1e-12))
