@@ -41,6 +41,9 @@ _MOST_DAMPING = 100.0
 _SAME_CHANGE = radians(1)
 """Turn up to which the change of an image with turns is corrected rather than rendered anew."""
 
+_SLOPE, _SLOPE_DEVIATIONS = radians(0.3), 3.0
+"""How far from a summit its slope reaches for sure: a turn, or standard deviations where that is farther."""
+
 _NEGLIGIBLE = 0.01
 """Squared standard deviations of the posterior up to which a step is not worth another evaluation."""
 
@@ -86,6 +89,12 @@ class Summit:
     precision: Tensor
     log_evidence: float
     converged: bool
+
+    def is_above(self, trial: Trial) -> bool:
+        """Whether a trial is on the slope of this summit, and lower."""
+        away = rotation_vector(trial.rotation @ self.trial.rotation.T)
+        near = float(away.norm()) < _SLOPE or float(away @ self.precision @ away) < _SLOPE_DEVIATIONS**2
+        return near and trial.log_evidence <= self.trial.log_evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +178,11 @@ class RotationSearch:
         log_evidence = float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt
         return Trial(rotation, basis, y, found, log_evidence)
 
-    def climb(self, start: Trial) -> Summit:
-        """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow."""
+    def climb(self, start: Trial, known: Summit | None = None) -> Summit:
+        """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow.
+
+        known  that ends a climb on its slope: so the summit is no better
+        """
         origin = start.rotation
         prior = torch.eye(3, dtype=torch.float64) / self.expected**2
 
@@ -192,6 +204,7 @@ class RotationSearch:
             1.0,
             MOST_STEPS,
             _NEGLIGIBLE,
+            lambda trial: known is not None and known.is_above(trial),
         )
         volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
         return Summit(top.best, top.precision, top.height + volume, top.converged)
@@ -280,6 +293,7 @@ def ascend(
     longest_stretch: float,
     most_steps: int,
     negligible: float = 0.0,
+    ends: Callable[[Place], bool] = lambda place: False,
 ) -> Top[Place]:
     """Gauss-Newton steps uphill, shorter ones where they led down, longer ones while they lead up.
 
@@ -287,6 +301,7 @@ def ascend(
     moved            a place and a step (K,), in radians or radii, to another place
     longest_stretch  of steps: where the second derivatives are those of edges, they are too large between them
     negligible       squared standard deviations from the top, by the derivatives, that end the climb
+    ends             whether a place where steps led does, too
     """
     best, top, damping, stretch = start, height(start), 0.0, 1.0
     precision = torch.empty(0)
@@ -307,4 +322,6 @@ def ascend(
             damping = max(_FIRST_DAMPING, 4 * damping) if stretch == 1 else damping
             stretch = 1.0
         best, top, damping, stretch = new, reached, damping / 4, min(2 * stretch, longest_stretch)
+        if ends(best):
+            break
     return Top(best, top, precision, False)

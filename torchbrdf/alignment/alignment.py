@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import degrees, log, pi, radians
+from operator import attrgetter
 from typing import get_args
 
 import torch
@@ -269,7 +270,12 @@ def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
 
 def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
     """The best summit, as `_weighed`."""
-    climbed = [task.climb(one) for one in _starts(task, believed, search)]
+    first, *others = sorted(_starts(task, believed, search), key=attrgetter("log_evidence"), reverse=True)
+    climbed = [task.climb(first)]
+    for start in others:
+        summit = climbed[0] if climbed[0].is_above(start) else task.climb(start, climbed[0])
+        if not climbed[0].is_above(summit.trial):
+            climbed.append(summit)
     return _weighed(best_of(climbed), believed, search)
 
 
