@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import exp, log, radians
 from operator import attrgetter
-from typing import Generic, TypeVar
 
 import torch
 from torch import Tensor
 
+from torchbrdf.alignment._ascent import SMALLEST_STEP, ascend
 from torchbrdf.estimation import ImageSpace, residual_scale
 from torchbrdf.estimation.priors import (
     Explanation,
@@ -33,18 +33,23 @@ DOUBT = 100.0
 it, but what no material of the library explains is the same in neighbouring pixels and changes as the light turns
 (docs/alignment.md)."""
 
-_LONGEST_STEP = radians(8)
-_SMALLEST_STEP = radians(0.01)
 MOST_STEPS = 12
-_FIRST_DAMPING = 0.5
-_MOST_DAMPING = 100.0
+
+_SAME_CHANGE = radians(1)
+"""Turn up to which the change of an image with turns is corrected rather than rendered anew."""
+
+_SAME_HILL = radians(0.3), radians(1)
+"""Turns from a summit that are on its hill for sure, and at most where a climb came three quarters of the way to it."""
+
+RIVAL = 10.0
+"""Log evidence by which a place may be behind the best and still matter."""
+
+_NEGLIGIBLE = 0.01
+"""Squared standard deviations of the posterior up to which a step is not worth another evaluation."""
 
 _COARSE_COLUMNS = 24
 _COARSE_LINES = 288
 """Basis BRDFs that look different, whose materials a coarse search compares, and lines of its light."""
-
-Place = TypeVar("Place")
-"""Where a climb may stand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +87,25 @@ class Summit:
     log_evidence: float
     converged: bool
 
+    def outdoes(self, trial: Trial, gain: float, reach: float) -> bool:
+        """Whether a trial cannot become another summit that matters, were its evidence higher by a gain.
+
+        reach  in radians, or 3 standard deviations where that is farther: so near a lower trial is on the same hill
+        """
+        away = rotation_vector(trial.rotation @ self.trial.rotation.T)
+        behind = self.trial.log_evidence - trial.log_evidence
+        near = float(away.norm()) < reach or float(away @ self.precision @ away) < 9
+        return behind - gain > RIVAL or (near and behind >= 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """How the image at a trial's solution changes with turns, (3, 3, P), and under which rotation that was rendered."""
+
+    trial: Trial
+    change: Tensor
+    rendered: Tensor
+
 
 def with_few_materials(light: HarmonicBasis, believed: Trial) -> HarmonicBasis:
     """The same light, less fine, and materials of the library that look different under what is believed of it."""
@@ -117,6 +141,7 @@ class RotationSearch:
         self.evaluations = 0
         self._doubt = redundancy(DOUBT, y.shape[-1])
         self._frame: tuple[Tensor, Tensor] | None = None
+        self._changes: _Changes | None = None
 
     def under(self, probe: LightProbe) -> "RotationSearch":
         """The same photograph under another probe, with evidence that compares."""
@@ -154,8 +179,20 @@ class RotationSearch:
         log_evidence = float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt
         return Trial(rotation, basis, y, found, log_evidence)
 
-    def climb(self, start: Trial) -> Summit:
-        """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow."""
+    def climb_beside(self, start: Trial, known: Summit) -> Summit | None:
+        """`climb`; None where that leads to a summit that is known, or to none that matters beside it."""
+        sure, most = _SAME_HILL
+        reach = max(sure, min(most, _angle(start.rotation, known.trial.rotation) / 4))
+        summit = self.climb(start, ends=lambda trial, gain: known.outdoes(trial, gain, reach))
+        return None if known.outdoes(summit.trial, 0.0, reach) else summit
+
+    def climb(
+        self,
+        start: Trial,
+        shortest: float = SMALLEST_STEP,
+        ends: Callable[[Trial, float], bool] = lambda trial, gain: False,
+    ) -> Summit:
+        """Gauss-Newton steps from a trial, shorter ones where the posterior did not grow; see `ascend`."""
         origin = start.rotation
         prior = torch.eye(3, dtype=torch.float64) / self.expected**2
 
@@ -176,6 +213,9 @@ class RotationSearch:
             lambda trial, step: self.trial(rotation_of(step) @ trial.rotation),
             1.0,
             MOST_STEPS,
+            shortest,
+            _NEGLIGIBLE,
+            ends,
         )
         volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
         return Summit(top.best, top.precision, top.height + volume, top.converged)
@@ -185,8 +225,22 @@ class RotationSearch:
         return self.derivatives(trial, self.turns(trial))
 
     def turns(self, trial: Trial) -> Tensor:
-        """(3, 3, P): how the image at the solution changes with turns about +X, +Y and +Z, per radian."""
-        return self.light.change_at(likeliest(trial.explanation)[2].mT, trial.rotation)[..., self.used].double()
+        """(3, 3, P): how the image at the solution changes with turns about +X, +Y and +Z, per radian.
+
+        Near where it was rendered last it is corrected by what the two solutions show of it [Bro65].
+        """
+        weights, last = likeliest(trial.explanation)[2], self._changes
+        turn = torch.zeros(3) if last is None else rotation_vector(trial.rotation @ last.trial.rotation.T)
+        if last is not None and bool(turn.any()) and _angle(trial.rotation, last.rendered) < _SAME_CHANGE:
+            moved = (trial.basis.packed - last.trial.basis.packed)[..., self.used]
+            missed = torch.einsum("sn,nsp->sp", weights.to(moved), moved).double()
+            missed = missed - torch.einsum("a,asp->sp", turn.to(missed), last.change)
+            change = last.change + (turn / turn.square().sum()).to(missed)[:, None, None] * missed
+            self._changes = _Changes(trial, change, last.rendered)
+        else:
+            change = self.light.change_at(weights.mT, trial.rotation)[..., self.used].double()
+            self._changes = _Changes(trial, change, trial.rotation)
+        return change
 
     def derivatives(self, trial: Trial, change: Tensor) -> tuple[Tensor, Tensor]:
         """First (K,) and minus second derivatives (K, K) of the log evidence, with the best prior and penalty.
@@ -216,6 +270,10 @@ class RotationSearch:
         return self._frame
 
 
+def _angle(a: Tensor, b: Tensor) -> float:
+    return float(rotation_vector(a @ b.T).norm())
+
+
 def likeliest(explanation: Explanation) -> tuple[int, int, Tensor]:
     """The prior and the penalty of the highest evidence, and the weights (3, n) at the top of their posterior."""
     evidence = explanation.log_evidence
@@ -223,50 +281,3 @@ def likeliest(explanation: Explanation) -> tuple[int, int, Tensor]:
     only = torch.zeros_like(evidence)
     only[0, m, penalty] = 1
     return m, penalty, explanation.components(only)[0, m]
-
-
-@dataclass(frozen=True, eq=False)
-class Top(Generic[Place]):
-    """Where steps uphill ended: the best place, its height, the precision there, and whether the last step was short.
-
-    It was not where steps ran out, or none of any length led higher.
-    """
-
-    best: Place
-    height: float
-    precision: Tensor
-    converged: bool
-
-
-def ascend(
-    start: Place,
-    height: Callable[[Place], float],
-    slope: Callable[[Place], tuple[Tensor, Tensor]],
-    moved: Callable[[Place, Tensor], Place],
-    longest_stretch: float,
-    most_steps: int,
-) -> Top[Place]:
-    """Gauss-Newton steps uphill, shorter ones where they led down, longer ones while they lead up.
-
-    slope            first (K,) and minus second derivatives (K, K)
-    moved            a place and a step (K,), in radians or radii, to another place
-    longest_stretch  of steps: where the second derivatives are those of edges, they are too large between them
-    """
-    best, top, damping, stretch = start, height(start), 0.0, 1.0
-    precision = torch.empty(0)
-    for _ in range(most_steps):
-        gradient, precision = slope(best)
-        while True:
-            step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
-            step = step * min(stretch, _LONGEST_STEP / max(float(step.norm()), 1e-12))
-            short = float(step.norm()) < _SMALLEST_STEP
-            if short or damping > _MOST_DAMPING:
-                return Top(best, top, precision, short)
-            new = moved(best, step)
-            reached = height(new)
-            if reached > top:
-                break
-            damping = max(_FIRST_DAMPING, 4 * damping) if stretch == 1 else damping
-            stretch = 1.0
-        best, top, damping, stretch = new, reached, damping / 4, min(2 * stretch, longest_stretch)
-    return Top(best, top, precision, False)

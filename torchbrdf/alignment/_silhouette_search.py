@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import MOST_STEPS, RotationSearch, Trial, ascend
+from torchbrdf.alignment._ascent import ascend
+from torchbrdf.alignment._search import MOST_STEPS, RotationSearch, Trial
 from torchbrdf.light import rotation_of, rotation_vector
 from torchbrdf.photograph import REACH, MovingSilhouette
 

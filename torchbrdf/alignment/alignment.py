@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import degrees, log, pi, radians
+from operator import attrgetter
 from typing import get_args
 
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of, with_few_materials
+from torchbrdf.alignment._search import RIVAL, RotationSearch, Summit, Trial, best_of, with_few_materials
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
@@ -44,8 +45,10 @@ _TURNS = 24
 """Rotations about the vertical axis that the full search compares."""
 
 _FOLLOWED = 2
-_RIVAL = 10.0
-"""How many of them are climbed from, and by how much log evidence one may be behind the best."""
+"""How many of them are climbed from at most."""
+
+_ROUGHLY = radians(0.1)
+"""Step at which a climb with few materials ends: from its end all of them are climbed with."""
 
 _LAMPS_SIZE, _DOMINANT = 0.001, 0.2
 """Shares of the sphere and of the light: lamps that may make side peaks. A sun in the clear has a quarter and more."""
@@ -261,7 +264,7 @@ def dominated(probe: LightProbe) -> bool:
 def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
     """Where few materials under less light end, whose hill has fewer side peaks; none where it is worse."""
     coarse = _with_few(task, believed)
-    top = coarse.climb(coarse.trial(believed.rotation)).trial
+    top = coarse.climb(coarse.trial(believed.rotation), _ROUGHLY).trial
     task.evaluations += coarse.evaluations
     found = task.trial(top.rotation)
     return [found] if found.log_evidence > believed.log_evidence else []
@@ -269,8 +272,10 @@ def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
 
 def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
     """The best summit, as `_weighed`."""
-    climbed = [task.climb(one) for one in _starts(task, believed, search)]
-    return _weighed(best_of(climbed), believed, search)
+    first, *others = sorted(_starts(task, believed, search), key=attrgetter("log_evidence"), reverse=True)
+    best = task.climb(first)
+    beside = [task.climb_beside(start, best) for start in others]
+    return _weighed(best_of([best, *filter(None, beside)]), believed, search)
 
 
 def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
@@ -286,7 +291,7 @@ def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]
     turns = [step @ believed.rotation for step in steps]
     evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns])
     peak = (evidence >= evidence.roll(1)) & (evidence >= evidence.roll(-1))
-    peak &= evidence > evidence.max() - _RIVAL
+    peak &= evidence > evidence.max() - RIVAL
     followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()
     task.evaluations += coarse.evaluations
     return [task.trial(turns[k]) for k in followed]

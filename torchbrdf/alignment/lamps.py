@@ -247,7 +247,7 @@ def with_lamp(
             task = _lit(given, current)
             climbed = climb(task, task.trial(believed.rotation) if current.clipped else believed)
             evaluations += task.evaluations if task is not given else 0
-            guess = first_guess(given, climbed[1]) or current
+            guess = lamp if climbed[1] is believed else first_guess(given, climbed[1]) or current
             before, (current, evidence) = current, _radiance_at(given, climbed[1].rotation, guess)
             settled = current.is_near(before)
             if settled:
