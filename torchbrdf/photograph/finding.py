@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, pi, prod
@@ -122,17 +123,10 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
     return balls_of(Pyramid.of(image, usable), camera)
 
 
-def balls_of(pyramid: Pyramid, camera: PinholeCamera | None, least: float = 0.0) -> list[FoundBall]:
-    """`find_balls`, in a photograph at several sizes.
-
-    least  radius in pixels of the chart of what is of interest, and only where it is `sure`; 0 for all
-    """
-    chart, floor = chart_of(camera), _floor(pyramid)
-    if floor is None:
-        return []
-    refined = [_refined(pyramid, chart, place, least) for place in _starts(pyramid, chart, floor, least)]
-    seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
-    kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(seen)]
+def balls_of(pyramid: Pyramid, camera: PinholeCamera | None) -> list[FoundBall]:
+    """`find_balls`, in a photograph at several sizes."""
+    chart = chart_of(camera)
+    kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(list(_seen(pyramid, chart)))]
     found = [one for outline in kept if (one := _found(outline, chart, pyramid.size)) is not None]
     return sorted(found, key=lambda one: -one.circle.radius)
 
@@ -170,9 +164,27 @@ def _floor(pyramid: Pyramid) -> float | None:
 
 
 def any_sure(pyramid: Pyramid) -> bool:
-    """Whether a ball of which no camera is known may be `sure`: what is too small for that is not refined."""
-    least = FITTED_RADIUS * LEAST_STD / _MOST_STD
-    return any(ball.sure for ball in balls_of(pyramid, None, least))
+    """Whether any circle is `sure`, be there a better one over it: what is too small for that is not refined."""
+    chart, least = chart_of(None), FITTED_RADIUS * LEAST_STD / _MOST_STD
+    for outline in _seen(pyramid, chart, least):
+        found = _found(settled(outline, pyramid, chart, _FINE_RADIUS), chart, pyramid.size)
+        if found is not None and found.sure:
+            return True
+    return False
+
+
+def _seen(pyramid: Pyramid, chart: Chart, least: float = 0.0) -> Iterator[Outline]:
+    """The refined outlines of which enough is seen.
+
+    least  radius in pixels of the chart of what is of interest, and only where it may be `sure`; 0 for all
+    """
+    floor = _floor(pyramid)
+    if floor is None:
+        return
+    for place in _starts(pyramid, chart, floor, least):
+        outline = _refined(pyramid, chart, place, least)
+        if outline is not None and outline.share >= _LEAST_RIM * outline.seen:
+            yield outline
 
 
 def _starts(pyramid: Pyramid, chart: Chart, floor: float, least: float) -> list[Place]:
@@ -189,7 +201,7 @@ def _roughly(pyramid: Pyramid, chart: Chart, place: Place, floor: float) -> Outl
 
 
 def _refined(pyramid: Pyramid, chart: Chart, place: Place, least: float = 0.0) -> Outline | None:
-    """The outline near a place; None where there is none, or none that is of interest (see `balls_of`)."""
+    """The outline near a place; None where there is none, or none that is of interest (see `_seen`)."""
     for reach, blurs in _STAGES:
         radius = min(place[2], _FINE_RADIUS)
         n = int(min(_FINE_RAYS, 2 * pi * radius))
