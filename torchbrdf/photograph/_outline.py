@@ -32,7 +32,7 @@ _BLOCKS = 24
 _VOTE = 0.7
 """From here on a ray speaks for the outline."""
 
-_TOO_SURE, _EXACT = 2.0, 0.15
+_TOO_SURE, LEAST_STD = 2.0, 0.15
 """By what factor arcs agree better than they are right, and pixels of the level by which all are wrong together."""
 
 
@@ -143,7 +143,7 @@ class Outline:
     def std(self) -> np.ndarray:
         """(3,): standard deviations of x, y and radius, in radii: arcs of the rim disagree, and all are a bit wrong."""
         disagreement = np.diag(self._covariance(self.rays.harmonics(), self.shift))
-        return np.asarray(np.sqrt(_TOO_SURE**2 * disagreement + (_EXACT / self.rays.pixels) ** 2))
+        return np.asarray(np.sqrt(_TOO_SURE**2 * disagreement + (LEAST_STD / self.rays.pixels) ** 2))
 
     @cached_property
     def ellipse(self) -> Ellipse:
@@ -151,7 +151,7 @@ class Outline:
         basis = self.rays.harmonics(2)
         shift, _ = climb(self.votes, basis, self.offsets, np.append(self.shift, [0, 0]))
         spread = float(np.trace(self._covariance(basis, shift)[3:, 3:]) / 2)
-        std = float(np.sqrt(_TOO_SURE**2 * spread + (_EXACT / self.rays.pixels) ** 2))
+        std = float(np.sqrt(_TOO_SURE**2 * spread + (LEAST_STD / self.rays.pixels) ** 2))
         return Ellipse(self.before, shift, float(np.hypot(*shift[3:])), std)
 
     def _covariance(self, basis: np.ndarray, shift: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
 from torchbrdf.photograph._filling import fills
 from torchbrdf.photograph._pyramid import Pyramid
-from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, balls_of, find_balls
+from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, any_sure, balls_of, find_balls
 from torchbrdf.photograph.silhouette import SNAP, Circle
 
 _LIKE_SIZE = 0.9
@@ -52,10 +52,11 @@ def locate(
     """
     height, width = image.shape[-2:]
     pyramid = Pyramid.of(image, usable)
-    found = balls_of(pyramid, camera)
-    balls = [ball for ball in found if ball.sure]
     parts = {"the photograph": Window(0, 0, width, height)} | ({"what was recorded": window} if window else {})
     square = {what: part for what, part in parts.items() if abs(part.width - part.height) < SNAP}
+    none = number is None and bool(square) and camera is None and not any_sure(pyramid)
+    found = [] if none else balls_of(pyramid, camera)
+    balls = [ball for ball in found if ball.sure]
     if number is None and square:
         what, part = square.popitem()
         crop = Circle.inscribed(part)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot, pi
+from math import hypot, pi, prod
 from operator import attrgetter
 
 import numpy as np
@@ -15,7 +16,7 @@ from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.photograph._candidates import Place, seek
 from torchbrdf.photograph._charts import Chart, chart_of
 from torchbrdf.photograph._mirror import settled
-from torchbrdf.photograph._outline import Outline
+from torchbrdf.photograph._outline import LEAST_STD, Outline
 from torchbrdf.photograph._pyramid import Pyramid
 from torchbrdf.photograph.silhouette import Circle
 
@@ -40,6 +41,10 @@ _SAME, _COVERED = 0.03, 0.5
 
 _DEEP, _NEARLY_AS_GOOD = 0.8, 0.5
 """Ratios of radii and of scores: a circle that lies in another is seen in it, and is not before it."""
+
+_ROOM, _UNSURE = 0.7, 0.3
+"""Where only what is sure is of interest: ratios of the radius, and of the share of the rim and the score, that an
+outline has before it is refined."""
 
 _LEAST_RIM = 0.3
 _SURE: tuple[tuple[float, float], ...] = ((0.45, 0.7), (0.5, 0.5))
@@ -120,12 +125,8 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
 
 def balls_of(pyramid: Pyramid, camera: PinholeCamera | None) -> list[FoundBall]:
     """`find_balls`, in a photograph at several sizes."""
-    chart, floor = chart_of(camera), _floor(pyramid)
-    if floor is None:
-        return []
-    refined = [_refined(pyramid, chart, place) for place in _starts(pyramid, chart, floor)]
-    seen = [outline for outline in refined if outline is not None and outline.share >= _LEAST_RIM * outline.seen]
-    kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(seen)]
+    chart = chart_of(camera)
+    kept = [settled(outline, pyramid, chart, _FINE_RADIUS) for outline in _outermost(list(_seen(pyramid, chart)))]
     found = [one for outline in kept if (one := _found(outline, chart, pyramid.size)) is not None]
     return sorted(found, key=lambda one: -one.circle.radius)
 
@@ -162,9 +163,33 @@ def _floor(pyramid: Pyramid) -> float | None:
     return _FLOOR * float(np.median(lit)) if lit.size else None
 
 
-def _starts(pyramid: Pyramid, chart: Chart, floor: float) -> list[Place]:
+def any_sure(pyramid: Pyramid) -> bool:
+    """Whether any circle is `sure`, be there a better one over it: what is too small for that is not refined."""
+    chart, least = chart_of(None), FITTED_RADIUS * LEAST_STD / _MOST_STD
+    for outline in _seen(pyramid, chart, least):
+        found = _found(settled(outline, pyramid, chart, _FINE_RADIUS), chart, pyramid.size)
+        if found is not None and found.sure:
+            return True
+    return False
+
+
+def _seen(pyramid: Pyramid, chart: Chart, least: float = 0.0) -> Iterator[Outline]:
+    """The refined outlines of which enough is seen.
+
+    least  radius in pixels of the chart of what is of interest, and only where it may be `sure`; 0 for all
+    """
+    floor = _floor(pyramid)
+    if floor is None:
+        return
+    for place in _starts(pyramid, chart, floor, least):
+        outline = _refined(pyramid, chart, place, least)
+        if outline is not None and outline.share >= _LEAST_RIM * outline.seen:
+            yield outline
+
+
+def _starts(pyramid: Pyramid, chart: Chart, floor: float, least: float) -> list[Place]:
     """From where to refine: the likeliest circles, and the best of all after a rough fit."""
-    places = seek(pyramid, chart, floor, _CANDIDATES)
+    places = [place for place in seek(pyramid, chart, floor, _CANDIDATES) if place[2] > _ROOM * least]
     rough = [_roughly(pyramid, chart, place, floor) for place in places]
     likely = [one.place for one in _distinct([one for one in rough if one is not None])[:_LIKELY]]
     return likely + [place for place in places[:_FIRST] if not any(_alike(place, one) for one in likely)]
@@ -175,8 +200,8 @@ def _roughly(pyramid: Pyramid, chart: Chart, place: Place, floor: float) -> Outl
     return Outline.near(pyramid, chart, place, wanted=_ROUGH_RADIUS, reach=_ROUGH_REACH, n=_ROUGH_RAYS, floor=floor)
 
 
-def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
-    """The outline near a place; None where there is none."""
+def _refined(pyramid: Pyramid, chart: Chart, place: Place, least: float = 0.0) -> Outline | None:
+    """The outline near a place; None where there is none, or none that is of interest (see `_seen`)."""
     for reach, blurs in _STAGES:
         radius = min(place[2], _FINE_RADIUS)
         n = int(min(_FINE_RAYS, 2 * pi * radius))
@@ -184,8 +209,20 @@ def _refined(pyramid: Pyramid, chart: Chart, place: Place) -> Outline | None:
         outline = Outline.near(pyramid, chart, place, wanted=_FINE_RADIUS, reach=farthest, n=n, blurs=blurs)
         if outline is None or outline.score < _HOPELESS:
             return None
+        if least > 0 and not _may_become_sure(outline, least, pyramid.size):
+            return None
         place = outline.place
     return outline
+
+
+def _may_become_sure(outline: Outline, least: float, size: tuple[int, int]) -> bool:
+    """Whether a photograph's outline has about the radius that is of interest, and a part of what makes it sure."""
+    x, y, radius = outline.place
+    height, width = size
+    across = (max(min(at + radius, side) - max(at - radius, 0), 0) for at, side in ((x, width), (y, height)))
+    inside = _UNSURE * prod(across) / (2 * radius) ** 2
+    enough = any(outline.share >= rim * inside and outline.score >= score * inside for rim, score in _SURE)
+    return enough and radius >= _ROOM * least
 
 
 def _found(outline: Outline, chart: Chart, size: tuple[int, int]) -> FoundBall | None:
