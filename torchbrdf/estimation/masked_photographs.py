@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchbrdf.view import Frames
 
-_TOGETHER = 32
+_TOGETHER = 64
 """Photographs solved at a time: temporaries of more leave the processor's cache."""
 
 
@@ -39,12 +39,13 @@ def check_observation(
     y = torch.cat(ys, -1) if len(ys) > 1 else ys[0]
     used = torch.cat(useds, -1) if len(useds) > 1 else useds[0]
     try:
-        _check_values(y, used)
+        kept = y if bool(used.all()) else torch.where(used[:, None], y, 0)
+        _check_values(y, kept, used)
     except RuntimeError as error:
         if "vmap" in str(error):
             raise RuntimeError("torch.func.vmap is not supported: pass the whole batch (*batch, 3, H, W)") from None
         raise
-    return torch.where(used[:, None], y, 0), used, batch
+    return kept, used, batch
 
 
 def groups_by_mask(used: Tensor) -> list[Tensor]:
@@ -79,11 +80,11 @@ def _check_one(image: Tensor, mask: Tensor | None, frame: Tensor) -> tuple[Tenso
     return y, used, batch
 
 
-def _check_values(y: Tensor, used: Tensor) -> None:
-    values = y.detach()
-    largest = torch.where(used[:, None], values, 0).abs().amax((-2, -1))
+def _check_values(y: Tensor, kept: Tensor, used: Tensor) -> None:
+    largest = kept.detach().abs().amax((-2, -1))
     if bool(((largest > 0) & (largest < float("inf"))).all()):
         return
+    values = y.detach()
     unsound = int((~torch.isfinite(values).all(1) & used).sum())
     if unsound:
         raise ValueError(f"image holds {unsound} NaN or infinite pixels under the mask; mask them out")
