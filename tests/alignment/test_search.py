@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment import _search as rotation_search
-from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of, likeliest
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.light.rotations import rotation_vector
@@ -267,3 +267,50 @@ def test_a_rival_summit_leaves_more_open(behind: float, expected: float) -> None
     expected = AXES * radians(0.1) ** 2 + expected * torch.diag(AXES[0]) * radians(2) ** 2
     assert found.trial is (best.trial if behind else found.trial)
     torch.testing.assert_close(covariance, expected, rtol=1e-2, atol=1e-9)
+
+
+def test_a_climb_on_a_known_hill_leads_to_nothing_new(searches: dict[str, RotationSearch]) -> None:
+    one = searches["paint"]
+    known = one.climb(one.trial(AXES))
+    assert one.climb_beside(one.trial(turned(AXES[0], 1)), known) is None
+
+
+def test_a_better_summit_is_reached_beside_a_known_one(searches: dict[str, RotationSearch]) -> None:
+    one = searches["paint"]
+    aside = one.trial(turned(AXES[1], 20))
+    found = one.climb_beside(one.trial(turned(AXES[0], 2)), Summit(aside, AXES, aside.log_evidence, True))
+    assert found is not None
+    assert degrees_between(found.trial.rotation, AXES) < 0.15
+
+
+@pytest.mark.parametrize(
+    ("degrees_away", "behind", "gain", "outdone"),
+    [
+        pytest.param(0.1, 1.0, 0.0, True, id="same hill"),
+        pytest.param(0.1, -1.0, 0.0, False, id="higher"),
+        pytest.param(5.0, 1.0, 0.0, False, id="another hill"),
+        pytest.param(5.0, 50.0, 10.0, True, id="hopeless"),
+        pytest.param(5.0, 50.0, 45.0, False, id="hopeful"),
+    ],
+)
+def test_what_a_summit_outdoes(degrees_away: float, behind: float, gain: float, outdone: bool) -> None:
+    top = SimpleNamespace(rotation=AXES, log_evidence=0.0)
+    trial = SimpleNamespace(rotation=turned(AXES[0], degrees_away), log_evidence=-behind)
+    summit = Summit(top, AXES / radians(0.1) ** 2, 0.0, True)
+    assert summit.outdoes(trial, gain, radians(0.3)) is outdone
+
+
+def test_corrected_changes_explain_the_last_turn(searches: dict[str, RotationSearch]) -> None:
+    """To first order they lead from the image before to that after, and stay near what a rendering shows of them."""
+    one = searches["satin"]
+    before = one.trial(turned(AXES[0], 3))
+    one.turns(before)
+    after = one.trial(turned(torch.tensor([1.0, -1.0, 0.5]), 0.5) @ before.rotation)
+    corrected = one.turns(after)
+    one.turns(one.trial(turned(AXES[1], 30)))  # too far away: what comes next is rendered
+    rendered = one.turns(after)
+    turn = rotation_vector(after.rotation @ before.rotation.T)
+    moved = after.basis.packed.double() - before.basis.packed.double()
+    expected = torch.einsum("sn,nsp->sp", likeliest(after.explanation)[2], moved)
+    torch.testing.assert_close(torch.einsum("a,asp->sp", turn, corrected), expected, rtol=1e-3, atol=1e-5)
+    assert float((corrected - rendered).norm()) < 0.2 * float(rendered.norm())
