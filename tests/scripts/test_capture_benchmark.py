@@ -14,6 +14,7 @@ import torchbrdf as tb
 from capture_stages import BY_HAND, IDEAL, STAGES, Capture, run_commands, stages
 from materials import TINY_MATERIALS
 from torchbrdf.experiments import Target
+from torchbrdf.transport import DEFAULT_SAMPLES
 
 TRUTH = {
     "plan": {"name": "one"},
@@ -133,7 +134,7 @@ def test_the_error_is_the_mean_over_lights_of_the_tables_renderings(table: tb.Me
     lit = {"a": room, "b": room.rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))}
     view = tb.SphereView(12)
     targets = {
-        name: Target("red", name, "", factor * tb.render(table, light, view, seed=3000), 0.0, {})
+        name: Target("red", name, "", factor * tb.render(table, light, view, DEFAULT_SAMPLES, seed=3000), 0.0, {})
         for (name, light), factor in zip(lit.items(), (1.0, 2.0), strict=True)
     }
     error = capture_stages.novel_error(table, lit, targets)
@@ -187,7 +188,7 @@ def test_a_stage_is_run_and_scored_and_not_run_again(program, tmp_path: Path, ta
         (root / "targets" / name).mkdir(parents=True)
         (root / "lights").mkdir(exist_ok=True)
         room.save(root / "lights" / f"{name}.exr")
-        image = tb.render(table, room, view, seed=3000)
+        image = tb.render(table, room, view, DEFAULT_SAMPLES, seed=3000)
         metadata = {"format": "torchbrdf target 1", "material": "felt", "probe": name, "noise": "0"}
         metadata["probe_fingerprint"] = room.fingerprint
         tb.write_image(root / "targets" / name / "felt.exr", image, metadata)

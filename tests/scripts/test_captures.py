@@ -302,7 +302,7 @@ def test_a_capture_holds_what_its_truth_names(capture: Path):
 def test_the_probe_that_is_written_is_the_light(capture: Path):
     truth = json.loads((capture / "truth.json").read_text())
     assert tb.LightProbe.open(capture / "probe.exr").fingerprint == truth["probe_fingerprint"]
-    expected = tb.LightProbe.default().rotated(torch.tensor(truth["rotation"]))
+    expected = tb.LightProbe.default().rotated(torch.tensor(truth["rotation"], dtype=torch.float64))
     assert expected.fingerprint == truth["probe_fingerprint"]
 
 

@@ -8,6 +8,7 @@ from .directions import (
     from_half_difference as from_half_difference,
     half_difference as half_difference,
 )
+from .gram import lower_gram as lower_gram
 from .library import MaterialLibrary as MaterialLibrary
 from .library_cache import (
     StoredColumns as StoredColumns,

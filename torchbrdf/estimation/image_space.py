@@ -8,11 +8,11 @@ Weights that come from the basis instead of the photograph leave the factorisati
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import torch
 from torch import Tensor
 
+from torchbrdf.brdf import lower_gram
 from torchbrdf.lasting import lasting
 
 DARKEST = 0.3
@@ -23,9 +23,6 @@ CUT = 5e-5
 
 _ROUNDING = 1e-12
 """A direction of less than this share of the energy of all is rounding of the Gram matrix."""
-
-_GRAM_BLOCKS = 3
-"""Blocks of rows of the Gram matrix, of which those above the diagonal are left out."""
 
 _BRIEF = 0.5
 """Up to this share of pixels left out, the Gram matrix loses them; above it is formed anew from those left."""
@@ -69,15 +66,13 @@ class ImageSpace:
         n, channels, pixels = packed.shape
         weighted = scale.new_empty(channels, n, pixels).copy_(packed.detach().transpose(0, 1))
         weighted *= _inverse(scale)[:, None]  # mixed precisions in one product are ten times slower
-        squared, v = torch.linalg.eigh(_lower_gram(weighted))
+        squared, v = torch.linalg.eigh(lower_gram(weighted))
         squared, v = squared.flip(-1), v.flip(-1)
         rank = int((squared > CUT**2 * squared[:, :1]).sum(-1).max().clamp_min(1))
         squared, v = squared[:, :rank], v[..., :rank]
         singular = torch.where(squared > _ROUNDING * squared[:, :1], squared, 0).clamp_min(0).sqrt()
-        u = (v * _inverse(singular)[:, None]).mT @ weighted
-        excess = _excess(u)
-        r = singular[..., None] * v.mT
-        return cls(scale, (u - excess @ u / 2).mT, r - excess @ r / 2)
+        u = _orthonormal(weighted.mT @ (v * _inverse(singular)[:, None]))
+        return cls(scale, u, (weighted @ u).mT)
 
     @cached_property
     @lasting
@@ -154,22 +149,14 @@ class ImageSpace:
         return self.single if dtype == torch.float32 else self.u
 
 
-def _lower_gram(rows: Tensor) -> Tensor:
-    """A A^T (..., n, n) of A (..., n, P), 0 above the blocks on the diagonal: `eigh` reads the lower triangle."""
-    gram = rows.new_zeros(*rows.shape[:-1], rows.shape[-2])
-    edges = [rows.shape[-2] * i // _GRAM_BLOCKS for i in range(_GRAM_BLOCKS + 1)]
-    for start, end in pairwise(edges):
-        gram[..., start:end, :end] = rows[..., start:end, :] @ rows[..., :end, :].mT
-    return gram
-
-
-def _excess(u: Tensor) -> Tensor:
-    """E = U^T U - I of columns, given as rows (..., r, P), that are nearly orthonormal, or 0; (I + E)^(-1/2) = I - E/2.
+def _orthonormal(u: Tensor) -> Tensor:
+    """U (U^T U)^(-1/2) of columns (..., P, r) that are nearly orthonormal, or 0.
 
     The Gram matrix squares a condition number of 1 / CUT: columns that come from it are orthonormal to 1e-7 only, and
     that error depends on the order of sums.
     """
-    return u @ u.mT - torch.diag_embed((u != 0).any(-1).to(u))
+    excess = u.mT @ u - torch.diag_embed((u != 0).any(-2).to(u))
+    return u - u @ excess / 2
 
 
 def _inverse(x: Tensor) -> Tensor:
