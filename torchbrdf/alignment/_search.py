@@ -90,12 +90,13 @@ class Summit:
     def outdoes(self, trial: Trial, gain: float, reach: float) -> bool:
         """Whether a trial cannot become another summit that matters, were its evidence higher by a gain.
 
-        reach  in radians, or 3 standard deviations where that is farther: so near a lower trial is on the same hill
+        reach  in radians, or 3 standard deviations where that is farther: so near a trial is on the same hill,
+               and another summit only if higher by more than climbs leave to their tops
         """
         away = rotation_vector(trial.rotation @ self.trial.rotation.T)
         behind = self.trial.log_evidence - trial.log_evidence
         near = float(away.norm()) < reach or float(away @ self.precision @ away) < 9
-        return behind - gain > RIVAL or (near and behind >= 0)
+        return behind - gain > RIVAL or (near and behind >= -_NEGLIGIBLE)
 
 
 @dataclass(frozen=True, eq=False)
