@@ -1,8 +1,9 @@
-"""Where the columns of B come from: MERL files, tables in memory, or the embedded analytic parameters."""
+"""Where the columns of B come from: MERL files, tables in memory, or the embedded library."""
 
 import hashlib
 import os
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import cached_property
 from typing import Protocol
 
@@ -10,9 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf.lobes import MODEL_VERSION, expand_row, load_default_parameters
-from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, cell_centres, read_planes
+from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, read_planes
 from torchbrdf.brdf.merl_directory import table_paths
+from torchbrdf.brdf.tucker import MODEL_VERSION, load_default_factors
 
 ROW_CELLS = GRID[1] * GRID[2]
 """Cells of one theta_h row of the grid."""
@@ -88,23 +89,23 @@ class TableSource:
         return torch.cat([table.values[i].reshape(ROW_CELLS, 3).double() for table in self.tables], dim=1)
 
 
-class ParameterSource:
-    """The embedded library: analytic parameters, evaluated at the cell centres."""
+class EmbeddedSource:
+    """The embedded library, expanded to the cells of the grid."""
 
     _HEADROOM = 4.0
-    """Above the largest value on every tenth cell, which is what `scan` looks at."""
+    """Above the largest value on every tenth row, which is what `scan` looks at."""
 
     def __init__(self) -> None:
-        """Read the parameters that come with the package."""
-        self.names, self.parameters = load_default_parameters()
+        """Read the factors that come with the package."""
+        self.names, self.factors = load_default_factors()
         self._kept: dict[int, Tensor] = {}
 
     @property
     def stamp(self) -> str:
-        """The parameters, and the version of the model that reads them."""
+        """The factors, and the version of the model that reads them."""
         digest = hashlib.sha256(f"{MODEL_VERSION} {self.names}".encode())
-        for key, value in sorted(self.parameters.items()):
-            digest.update(key.encode() + value.contiguous().numpy().tobytes())
+        for part in fields(self.factors):
+            digest.update(part.name.encode() + getattr(self.factors, part.name).contiguous().numpy().tobytes())
         return digest.hexdigest()
 
     @cached_property
@@ -124,7 +125,7 @@ class ParameterSource:
     def row(self, i: int) -> Tensor:
         """See ColumnSource."""
         kept = self._kept.pop(i, None)
-        return expand_row(self.parameters, float(cell_centres()[0][i])) if kept is None else kept
+        return self.factors.row(i) if kept is None else kept
 
 
 def _extent(table: MerlTable) -> tuple[Tensor, Tensor]:

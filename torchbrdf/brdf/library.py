@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf._combination import combined
-from torchbrdf.brdf.column_sources import ROW_CELLS, MerlSource, ParameterSource, TableSource
+from torchbrdf.brdf.column_sources import ROW_CELLS, EmbeddedSource, MerlSource, TableSource
 from torchbrdf.brdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
 from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
 from torchbrdf.files import cache_folder
@@ -32,9 +32,9 @@ class MaterialLibrary:
 
     @classmethod
     def default(cls, progress: bool = True) -> "MaterialLibrary":
-        """The embedded library of 100 materials: analytic parameters, expanded into a cache on first use."""
+        """The embedded library: 100 materials of MERL and 16 of RGL, encoded, expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
-        return cls._whole(open_or_build(ParameterSource(), folder, progress))
+        return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
 
     @classmethod
     def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":
