@@ -50,7 +50,7 @@ class Tabulated:
 
 
 def tabulate(material: RGLMaterial) -> Tabulated:
-    """Every cell of the grid: f_r averaged over the cell, over the azimuths of an anisotropic material, and both ways."""
+    """Every cell of the grid: f_r averaged over the cell, both ways, and over the azimuths of an anisotropic material."""
     values, valid = torch.zeros(*GRID, 3), above_horizon().clone()
     negative, clipped, squares = 0, torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
     for first in range(0, GRID[0], _ROWS):
@@ -116,7 +116,7 @@ def _over_azimuths(
 
 
 def _places(rows: slice, share: float, shape: torch.Size) -> tuple[Tensor, ...]:
-    """theta_h, theta_d, phi_d, in the shape, in the cells of some rows: that share of their solid angle has less theta_h.
+    """theta_h, theta_d, phi_d, in the shape, in the cells of some rows; that share of a row has less theta_h.
 
     The middle of a row's solid angle is not the middle of its theta_h: three quarters of the first row's lie beyond.
     """

@@ -1,7 +1,7 @@
 """A table as a `.bsdf` file in the format of the RGL database [DJ18], for `measured` of Mitsuba 3 and of pbrt-v4.
 
-The microfacet model that a file brings along is the plainest there is, one density of half vectors for all directions of
-incidence and a projected area that cancels: what the table holds is in the colours alone. The density makes cells of
+The microfacet model that a file brings along is the plainest there is, one density of half vectors for all directions
+of incidence and a projected area that cancels: what the table holds is in the colours alone. The density makes cells of
 small theta_h wide, where lobes are sharp; directions are sampled by the luminance, which holds what is reflected.
 
 Mitsuba's RGB variants refuse files with wavelengths, and its spectral ones and pbrt-v4 those without: a file is for
@@ -127,7 +127,7 @@ def _density() -> np.ndarray:
 
 
 def _looked_up(rows: np.ndarray) -> np.ndarray:
-    """Where the table is looked up, linearly, for nodes along theta_h: in the middle of the row of each where it is sharp.
+    """Where the table is looked up, linearly, for nodes along theta_h: where it is sharp, in the middle of a row.
 
     On an edge there, between the rows so that either keeps what it reflects: the solid angle of half vectors goes as
     the third power of the row's coordinate.
