@@ -50,7 +50,7 @@ class Tabulated:
 
 
 def tabulate(material: RGLMaterial) -> Tabulated:
-    """Every cell of the grid: f_r averaged over the cell, both ways, and over the azimuths of an anisotropic material."""
+    """Every cell of the grid: f_r averaged over the cell, both ways, and over all azimuths of w_i."""
     values, valid = torch.zeros(*GRID, 3), above_horizon().clone()
     negative, clipped, squares = 0, torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
     for first in range(0, GRID[0], _ROWS):
