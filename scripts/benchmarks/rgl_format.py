@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Claim: a measured material of the RGL database looks the same as a table, and a table as a `.bsdf` file.
 
-    python scripts/benchmarks/rgl_format.py ../shared/data/rgl ../shared/data/rgl_more --document docs/results/rgl_format.md
+    python scripts/benchmarks/rgl_format.py ../shared/data/rgl ../shared/data/rgl_more \\
+        --document docs/results/rgl_format.md
 
 Spheres of 32 x 32 pixels under four probes: Mitsuba's `measured` of the original beside `tb.render` of its table, and
 `measured` of the file written of the table beside our plugin `merl`. Relative RMS in percent; the Monte Carlo noise of
@@ -63,7 +64,8 @@ def line(path: Path, probes: Sequence[tb.LightProbe], samples: int, folder: Path
 def lines(options: argparse.Namespace) -> Iterator[str]:
     """The table, row by row."""
     probes = [tb.LightProbe.open(options.probes / name) for name in PROBES]
-    heads = ["material", "measured cells, %", *PROBES, f"there and back: {', '.join(METRIC_NAMES)}, %", "read, write, s"]
+    errors = f"there and back: {', '.join(METRIC_NAMES)}, %"
+    heads = ["material", "measured cells, %", *PROBES, errors, "read, write, s"]
     yield f"| {' | '.join(heads)} |"
     yield "|---|" + "---:|" * (len(heads) - 1)
     with tempfile.TemporaryDirectory() as folder:
