@@ -74,7 +74,8 @@ def _root_of_ratio(squares: Tensor) -> float:
 
 def _cells(material: RGLMaterial, rows: slice, inside: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """f_r (n, 3) of the cells of some rows that are inside, which were measured (n,), and the squares of `spread`."""
-    total = weight = 0
+    count = int(inside.sum())
+    total, weight = torch.zeros(count, 3), torch.zeros(count)
     squares = torch.zeros(2, dtype=torch.float64)
     parts = _FINE_PARTS if rows.start < _FINE_ROWS else 1
     for part in range(parts):

@@ -83,7 +83,7 @@ def write_bsdf(
         luminance[t] = reflected.reshape(nodes, nodes).numpy()
         measured[t] = (valid[cells] & seen & (z_o > 0)).reshape(nodes, nodes).numpy()
     text = np.frombuffer(f"{name} (torchbrdf)".encode(), np.uint8)
-    fields = {
+    fields: dict[str, np.ndarray] = {
         "version": np.array([1, 0], np.uint32),
         "description": text,
         "phi_i": np.zeros(1, np.float32),
