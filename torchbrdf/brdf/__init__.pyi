@@ -36,6 +36,10 @@ from .norms import (
     column_norms as column_norms,
     norm_settings as norm_settings,
 )
-from .settings import METRIC_NAMES as METRIC_NAMES, RGL_SUFFIX as RGL_SUFFIX
+from .settings import (
+    METRIC_NAMES as METRIC_NAMES,
+    RGL_SUFFIX as RGL_SUFFIX,
+    TABLE_SUFFIX as TABLE_SUFFIX,
+)
 from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from math import log
 from pathlib import Path
 
-from torchbrdf.brdf import MaterialLibrary, MerlTable
+from torchbrdf.brdf import MaterialLibrary, MerlTable, read_table
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import DEFAULT_SPACE, Shooting, converted, read_mask, read_shooting, readable_suffixes
 from torchbrdf.light import LightProbe
@@ -147,9 +147,9 @@ def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) 
 
 
 def open_table(path: Path) -> MerlTable:
-    """A MERL table, or that in a folder that `torchbrdf fit` wrote."""
+    """A MERL table or a measured material of the RGL database, or the table in a folder that `torchbrdf fit` wrote."""
     if not path.is_dir():
-        return MerlTable.open(path)
+        return read_table(path)
     if not (path / RESULT).is_file():
         raise FileNotFoundError(f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`")
     return MerlTable.open(path / RESULT)
