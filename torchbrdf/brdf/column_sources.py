@@ -3,7 +3,6 @@
 import hashlib
 import os
 from collections.abc import Sequence
-from dataclasses import fields
 from functools import cached_property
 from typing import Protocol
 
@@ -13,7 +12,7 @@ from torch import Tensor
 
 from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, read_planes
 from torchbrdf.brdf.merl_directory import table_paths
-from torchbrdf.brdf.tucker import MODEL_VERSION, load_default_factors
+from torchbrdf.brdf.tucker import MODEL_VERSION, PARTS, load_default_factors
 
 ROW_CELLS = GRID[1] * GRID[2]
 """Cells of one theta_h row of the grid."""
@@ -104,8 +103,8 @@ class EmbeddedSource:
     def stamp(self) -> str:
         """The factors, and the version of the model that reads them."""
         digest = hashlib.sha256(f"{MODEL_VERSION} {self.names}".encode())
-        for part in fields(self.factors):
-            digest.update(part.name.encode() + getattr(self.factors, part.name).contiguous().numpy().tobytes())
+        for part in PARTS:
+            digest.update(part.encode() + getattr(self.factors, part).contiguous().numpy().tobytes())
         return digest.hexdigest()
 
     @cached_property

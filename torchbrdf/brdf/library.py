@@ -32,7 +32,7 @@ class MaterialLibrary:
 
     @classmethod
     def default(cls, progress: bool = True) -> "MaterialLibrary":
-        """The embedded library: 100 materials of MERL and 16 of RGL, encoded, expanded into a cache on first use."""
+        """The embedded library of 100 materials: encoded, and expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
         return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
 

@@ -7,7 +7,7 @@ angle, on the cells of MERL's grid. A BRDF is its coefficients g of the terms (a
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib.resources import as_file, files
 
@@ -50,12 +50,20 @@ class TuckerFactors:
         core[self.terms.long().unbind(1)] = self.quantised * self.step[:, None]
         return core.flatten(1)
 
+    def subset(self, columns: Tensor) -> "TuckerFactors":
+        """Those of some BRDFs (k,), which may be given twice."""
+        return replace(self, quantised=self.quantised[:, columns])
+
     def row(self, i: int) -> Tensor:
         """(90 * 180, n) float32: f_r in 1/sr in row i of theta_h; finite but meaningless below the horizon."""
         n = self.quantised.shape[1]
         slab = (self.theta_h[i] @ self._core).view(self.theta_d.shape[1], -1)
         rows = (self.theta_d @ slab).view(GRID[1], -1, n)
         return (self.phi_d @ rows).expm1_().mul_(FLOOR).clamp_min_(0).flatten(0, 1)
+
+
+PARTS = tuple(part.name for part in fields(TuckerFactors))
+"""Of the file."""
 
 
 def logarithm(f_r: Tensor) -> Tensor:
@@ -72,4 +80,4 @@ def load_default_factors() -> tuple[tuple[str, ...], TuckerFactors]:
 
     with as_file(files("torchbrdf.brdf") / DEFAULT_FILE) as path, safe_open(path, framework="pt") as file:
         names = tuple(json.loads(file.metadata()["names"]))
-        return names, TuckerFactors(**{key: file.get_tensor(key) for key in file.keys()})
+        return names, TuckerFactors(**{key: file.get_tensor(key) for key in PARTS})
