@@ -82,7 +82,8 @@ def encode(tables: Sequence[MerlTable]) -> TuckerFactors:
     step = (kept.abs().amax(1) / LARGEST).clamp_min(1e-30)
     sizes = [profile.shape[1] for profile in profiles]
     places = torch.stack(torch.unravel_index(terms, sizes), 1).short()
-    return TuckerFactors(*profiles, places, (kept / step[:, None]).round().short(), step)
+    theta_h, theta_d, phi_d = profiles
+    return TuckerFactors(theta_h, theta_d, phi_d, places, (kept / step[:, None]).round().short(), step)
 
 
 def quality(tables: Sequence[MerlTable], factors: TuckerFactors) -> list[tuple[str, list[float]]]:
