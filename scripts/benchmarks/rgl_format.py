@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """Claim: a measured material of the RGL database looks the same as a table, and a table as a `.bsdf` file.
 
-    python scripts/benchmarks/rgl_format.py ../shared/data/rgl ../shared/data/rgl_more \\
-        --document docs/results/rgl_format.md
+    python scripts/benchmarks/rgl_format.py ../shared/data/rgl ../shared/data/rgl_more
 
 Spheres of 32 x 32 pixels under four probes: Mitsuba's `measured` of the original beside `tb.render` of its table, and
 `measured` of the file written of the table beside our plugin `merl`. Relative RMS in percent; the Monte Carlo noise of
