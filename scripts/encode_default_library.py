@@ -20,7 +20,17 @@ from safetensors.torch import save_file
 from torch import Tensor
 from tqdm import tqdm
 
-from torchbrdf.brdf import GRID, METRICS, N_CELLS, MerlTable, above_horizon, cell_difference, read_table
+from torchbrdf.brdf import (
+    GRID,
+    METRICS,
+    N_CELLS,
+    RGL_SUFFIX,
+    TABLE_SUFFIX,
+    MerlTable,
+    above_horizon,
+    cell_difference,
+    read_table,
+)
 from torchbrdf.brdf.tucker import DEFAULT_FILE, TuckerFactors, logarithm
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import check_document, markdown_table, percent, replace_results
@@ -32,8 +42,6 @@ PROFILES = (48, 32, 20)
 
 SMOOTH = (24, 16, 8)
 """Those from which cells that were not measured are filled."""
-
-SUFFIXES = (".binary", ".bsdf")
 
 FILLS = 6
 TERMS = 6000
@@ -113,7 +121,8 @@ def page(found: Sequence[tuple[str, list[float]]], measured: set[str]) -> str:
 
 def run(options: argparse.Namespace) -> None:
     check_document(options.report)
-    paths = [path for folder in options.folders for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES]
+    files = [path for folder in options.folders for path in sorted(folder.iterdir())]
+    paths = [path for path in files if path.suffix in (TABLE_SUFFIX, RGL_SUFFIX)]
     tables = []
     for path in tqdm(paths, desc="tables", leave=False):
         table = read_table(path)
@@ -121,8 +130,8 @@ def run(options: argparse.Namespace) -> None:
     factors = encode(tables)
     with writing(options.output) as temporary:
         metadata = {"names": json.dumps([table.name for table in tables]), "source": options.source}
-        save_file(vars(factors), temporary, metadata)
-    measured = {path.stem.removesuffix("_rgb") for path in paths if path.suffix == ".bsdf"}
+        save_file(factors.tensors, temporary, metadata)
+    measured = {path.stem.removesuffix("_rgb") for path in paths if path.suffix == RGL_SUFFIX}
     replace_results(options.report, page(quality(tables, factors), measured))
     print(f"wrote {options.output}, {options.output.stat().st_size:,} bytes, and {options.report}")
 

@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, read_planes
+from torchbrdf.brdf.merl import CHANNEL_SCALE, MerlTable, read_planes
 from torchbrdf.brdf.merl_directory import table_paths
-from torchbrdf.brdf.tucker import MODEL_VERSION, PARTS, load_default_factors
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
+from torchbrdf.brdf.tucker import MODEL_VERSION, load_default_factors
 
 ROW_CELLS = GRID[1] * GRID[2]
 """Cells of one theta_h row of the grid."""
@@ -103,8 +104,8 @@ class EmbeddedSource:
     def stamp(self) -> str:
         """The factors, and the version of the model that reads them."""
         digest = hashlib.sha256(f"{MODEL_VERSION} {self.names}".encode())
-        for part in PARTS:
-            digest.update(part.encode() + getattr(self.factors, part).contiguous().numpy().tobytes())
+        for name, values in self.factors.tensors.items():
+            digest.update(name.encode() + values.contiguous().numpy().tobytes())
         return digest.hexdigest()
 
     @cached_property

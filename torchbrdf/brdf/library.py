@@ -12,7 +12,8 @@ from torch import Tensor
 from torchbrdf.brdf._combination import combined
 from torchbrdf.brdf.column_sources import ROW_CELLS, EmbeddedSource, MerlSource, TableSource
 from torchbrdf.brdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
-from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
 from torchbrdf.files import cache_folder
 
 MIN_MATERIALS = 8

@@ -18,9 +18,6 @@ from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference, half_difference
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon, cell_centres, cell_index, grid_coordinates
-from torchbrdf.brdf.rgl import RGLMaterial
-from torchbrdf.brdf.rgl_table import tabulate
-from torchbrdf.brdf.rgl_writing import write_bsdf
 from torchbrdf.brdf.settings import RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
 
@@ -135,6 +132,9 @@ class MerlTable:
         to 0; warns where that, or the mean over azimuths, changes the material by more than 1 %. Raises as
         `RGLMaterial.open`, and ValueError for an anisotropic material.
         """
+        from torchbrdf.brdf.rgl import RGLMaterial
+        from torchbrdf.brdf.rgl_table import tabulate
+
         material = RGLMaterial.open(path)
         if not (isotropic or material.isotropic):
             raise ValueError(
@@ -178,6 +178,8 @@ class MerlTable:
         spectral variants and pbrt-v4. Cells that were not measured take their nearest measured one.
         """
         if Path(path).suffix.lower() == RGL_SUFFIX:
+            from torchbrdf.brdf.rgl_writing import write_bsdf
+
             with writing(path) as temporary:
                 write_bsdf(temporary, self._trilinear, self.valid.cpu(), self.name, spectral)
             return

@@ -17,8 +17,9 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf._tensor_file import write_tensor_file
-from torchbrdf.brdf.merl_grid import GRID
+from torchbrdf.brdf.merl_grid import GRID, grid_coordinates
 from torchbrdf.brdf.spectra import SPECTRAL_NODES, basis_spectra
+from torchbrdf.images import luminance
 
 _THETA_I = 46
 """Every two degrees."""
@@ -34,8 +35,6 @@ _BEYOND = 0.1
 
 _EVERYWHERE = 0.02
 """Of the mean luminance, added to it: no direction is left out by sampling."""
-
-_REC709_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def write_bsdf(
@@ -63,7 +62,7 @@ def write_bsdf(
     row = torch.from_numpy(np.tile(_looked_up(rows), nodes))
     spread = (2 * pi**2) * x.ravel() * sin_m / torch.from_numpy(np.tile(per_row * GRID[0] / (nodes - 1), nodes))
     colours = np.empty((_THETA_I, 3, nodes, nodes), np.float32)
-    luminance = np.empty((_THETA_I, nodes, nodes), np.float32)
+    sampled = np.empty((_THETA_I, nodes, nodes), np.float32)
     measured = np.empty((_THETA_I, nodes, nodes), bool)
     for t, theta in enumerate(theta_i):
         # Of w_i: along m, along the tangent at m away from the normal, and along the one beside it.
@@ -71,16 +70,15 @@ def write_bsdf(
         along = theta.sin() * cos_m * azimuth.cos() - theta.cos() * sin_m
         aside = -theta.sin() * azimuth.sin()
         z_o = 2 * cos_d * cos_m - theta.cos()
-        theta_d, phi_d = torch.arccos(cos_d.clamp(-1, 1)), torch.remainder(torch.atan2(aside, along), pi)
-        place = row, theta_d * (GRID[1] * 2 / pi), phi_d * (GRID[2] / pi)
+        place = row, *grid_coordinates(theta_m, torch.arccos(cos_d.clamp(-1, 1)), torch.atan2(aside, along))[1:]
         seen = (cos_d > 0) & (z_o > -_BEYOND)
         values = torch.zeros(len(z_o), 3, dtype=torch.float64)
         values[seen] = f_r(*(coordinate[seen] for coordinate in place)).double().clamp_min(0) * z_o[seen, None]
         cells = tuple(c.long().clamp(0, n - 1) for c, n in zip(place, GRID, strict=True))
         colours[t] = values.T.reshape(3, nodes, nodes).numpy()
-        reflected = (values.clamp_min(0) @ torch.tensor(_REC709_LUMINANCE, dtype=torch.float64)) * spread * cos_d
+        reflected = luminance(values.T.clamp_min(0)) * spread * cos_d
         reflected = reflected + _EVERYWHERE * reflected.mean() + 1e-12
-        luminance[t] = reflected.reshape(nodes, nodes).numpy()
+        sampled[t] = reflected.reshape(nodes, nodes).numpy()
         measured[t] = (valid[cells] & seen & (z_o > 0)).reshape(nodes, nodes).numpy()
     text = np.frombuffer(f"{name} (torchbrdf)".encode(), np.uint8)
     fields: dict[str, np.ndarray] = {
@@ -91,7 +89,7 @@ def write_bsdf(
         "sigma": np.full((2, 2), 0.25, np.float32),
         "ndf": np.ones((2, 2), np.float32),
         "vndf": np.broadcast_to(density.astype(np.float32), (1, _THETA_I, 2, len(density))),
-        "luminance": luminance[None],
+        "luminance": sampled[None],
         "jacobian": np.ones(1, np.uint8),
         "valid": np.packbits(measured),
     }

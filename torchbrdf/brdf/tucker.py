@@ -14,7 +14,7 @@ from importlib.resources import as_file, files
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf.merl import GRID
+from torchbrdf.brdf.merl_grid import GRID
 
 MODEL_VERSION = 2
 """Changes with the formula: tables expanded from the coefficients of another version are stale."""
@@ -42,6 +42,11 @@ class TuckerFactors:
     quantised: Tensor
     step: Tensor
 
+    @property
+    def tensors(self) -> dict[str, Tensor]:
+        """All of it, by name, as in a file."""
+        return {part.name: getattr(self, part.name) for part in fields(self)}
+
     @cached_property
     def _core(self) -> Tensor:
         """(A, B C n) float32: g of all terms, 0 where a term is not kept."""
@@ -62,10 +67,6 @@ class TuckerFactors:
         return (self.phi_d @ rows).expm1_().mul_(FLOOR).clamp_min_(0).flatten(0, 1)
 
 
-PARTS = tuple(part.name for part in fields(TuckerFactors))
-"""Of the file."""
-
-
 def logarithm(f_r: Tensor) -> Tensor:
     """log(1 + f_r / f_0), what is decomposed."""
     return torch.log1p(f_r / FLOOR)
@@ -80,4 +81,4 @@ def load_default_factors() -> tuple[tuple[str, ...], TuckerFactors]:
 
     with as_file(files("torchbrdf.brdf") / DEFAULT_FILE) as path, safe_open(path, framework="pt") as file:
         names = tuple(json.loads(file.metadata()["names"]))
-        return names, TuckerFactors(**{key: file.get_tensor(key) for key in PARTS})
+        return names, TuckerFactors(**{part.name: file.get_tensor(part.name) for part in fields(TuckerFactors)})
