@@ -1,19 +1,17 @@
 """Tucker decompositions of logarithms of BRDFs, and the embedded library that is one."""
 
-import subprocess
-import sys
+from collections.abc import Callable
 from math import pi
 from pathlib import Path
 
 import pytest
 import torch
 
+from paths import ROOT
 from torchbrdf.brdf.difference import cell_difference
 from torchbrdf.brdf.merl import GRID, MerlTable, above_horizon
 from torchbrdf.brdf.merl_directory import MERL_MATERIALS
 from torchbrdf.brdf.tucker import DEFAULT_FILE, FLOOR, TuckerFactors, load_default_factors, logarithm
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +63,8 @@ HARD = ["chrome", "polyethylene", "black-obsidian", "nylon"]
 
 
 @pytest.fixture(scope="module")
-def decoded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    tool = ROOT.parent / "shared" / "tools" / "decode_merl_neural.py"
-    if not tool.exists():
-        pytest.skip("../shared is absent: no encodings to decode tables from")
-    folder = tmp_path_factory.mktemp("merl")
-    subprocess.run([sys.executable, tool, folder, "--materials", *HARD], check=True, capture_output=True)
-    return folder
+def decoded(decode: Callable[..., Path]) -> Path:
+    return decode(*HARD)
 
 
 @pytest.mark.parametrize("name", HARD)
