@@ -4,8 +4,8 @@
     python scripts/leave_one_out.py --library MERL_DIR --probes grace.hdr uffizi.hdr default -o OUT
 
 A material is rendered under one probe (the observation, with noise), reconstructed from the library without that
-material (classes refitted on the remaining columns), and rendered under every other probe. Methods are named
-`single-X` (all columns in one class) and `classes-X` (the material classes) with X = lambda of eq. 25; `naive` is
+material and its family (classes refitted on the remaining columns), and rendered under every other probe. Methods are
+named `single-X` (all columns in one class) and `classes-X` (the material classes) with X = lambda of eq. 25; `naive` is
 plain least squares (single-0, least norm, torch.linalg.lstsq), `paper` is classes-0.5 and `auto` the estimator's
 default.
 
@@ -34,6 +34,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from paper.leave_one_out_report import Facts, write_report
+from torchbrdf.brdf import columns_of
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge
 from torchbrdf.experiments import (
@@ -44,6 +45,7 @@ from torchbrdf.experiments import (
     directional_scene,
     noisy_observations,
     read_rows,
+    without_relatives,
     write_rows,
 )
 from torchbrdf.files import writing
@@ -161,8 +163,9 @@ class Experiment:
         """The rows of results.csv for one material."""
         position = self.library.position(material)
         own = torch.arange(3 * position, 3 * position + 3)
-        kept = torch.cat([torch.arange(3 * position), torch.arange(3 * position + 3, self.library.n)])
-        classes = tb.MaterialClasses.fit(self.library.without(material), self.n_classes)
+        less = without_relatives(self.library, material)
+        kept = columns_of([self.library.position(name) for name in less.names])
+        classes = tb.MaterialClasses.fit(less, self.n_classes)
         members = [kept[classes.members(j)] for j in range(classes.n_classes)]
         meaning = match_classes(classes.labels, self.reference[kept], self.n_classes)
         lights = [
@@ -182,7 +185,7 @@ class Experiment:
                 if penalties:
                     w = candidates(scene, observations, [kept] if single else members, penalties)
                 else:
-                    estimator = tb.BRDFEstimator(self.bases[i].without(material), classes, penalty="auto")
+                    estimator = tb.BRDFEstimator(self.bases[i].subset(less.names), classes, penalty="auto")
                     found = estimator(self.bases[i].unpack(noisy)).weights
                     w = found.new_zeros(1, len(noisy), 1, 3, self.library.n)
                     w[0, :, 0, :, kept] = found.mT

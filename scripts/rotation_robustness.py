@@ -38,7 +38,7 @@ from paper.rotation.results import Facts, MixtureFacts
 from paper.rotation.tasks import AXES, Turn, fit_classes, reconstruct
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.estimation import N_CLASSES, N_DIMS
-from torchbrdf.experiments import check_document, write_rows
+from torchbrdf.experiments import check_document, without_relatives, write_rows
 from torchbrdf.sweep import Task, sweep
 from torchbrdf.transport.harmonic import transport_of
 
@@ -153,9 +153,10 @@ def agreement(labels: str, reference: str, k: int) -> tuple[list[int], float]:
     return meaning, float((torch.tensor(meaning)[ours] == theirs).double().mean())
 
 
-def without(labels: str, position: int) -> str:
-    """The labels of the library less one material."""
-    return labels[: 3 * position] + labels[3 * position + 3 :]
+def without(labels: str, library: tb.MaterialLibrary, name: str) -> str:
+    """The labels of the library less the family of a material."""
+    left = [library.position(one) for one in without_relatives(library, name).names]
+    return "".join(labels[3 * i : 3 * i + 3] for i in left)
 
 
 def mixture_facts(
@@ -166,7 +167,7 @@ def mixture_facts(
     for mixture, of in labels.items():
         whole = of[None]
         found = {
-            name: agreement(its, without(whole, library.position(name)), mixture[0]) for name, its in of.items() if name
+            name: agreement(its, without(whole, library, name), mixture[0]) for name, its in of.items() if name
         }
         counts = [len(set(its)) for name, its in of.items() if name]
         meanings[mixture] = {name: meaning for name, (meaning, _) in found.items()}

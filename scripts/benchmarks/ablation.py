@@ -37,6 +37,7 @@ from torchbrdf.experiments import (
     noisy_observations,
     open_probes,
     read_targets,
+    relatives,
     replace_results,
 )
 from torchbrdf.images import relative_rms
@@ -200,18 +201,16 @@ def fit_own_scale(variation: Variation, basis: tb.BasisImages, variances: Tensor
 
 @dataclass(frozen=True)
 class Photographs:
-    """Photographs (m, 3, P) of some materials under one probe, and the library to recover each from.
+    """Photographs (m, 3, P) of some materials under one probe, and the library to recover each from, less its family.
 
     bases    probe -> basis images
     images   probe -> (m, 3, P)
-    left_out  each material is left out of the library before it is recovered
     """
 
     library: tb.MaterialLibrary
     materials: Sequence[str]
     bases: Mapping[str, tb.BasisImages]
     images: Mapping[str, Tensor]
-    left_out: bool
     fitted: dict[tuple[object, ...], tb.MaterialClasses] = field(default_factory=dict)
 
     def classes(self, library: tb.MaterialLibrary, n_classes: int) -> tb.MaterialClasses:
@@ -224,22 +223,20 @@ class Photographs:
     def errors(self, variation: Variation, level: float) -> list[float]:
         """Novel-light errors of all cases."""
         found = []
-        groups = [[name] for name in self.materials] if self.left_out else [list(self.materials)]
-        for group in groups:
-            library = self.library.without(*group) if self.left_out else self.library
-            classes = self.classes(library, 1 if variation.one_class else K)
-            rows = [self.materials.index(name) for name in group]
+        groups: dict[tuple[str, ...], list[int]] = {}
+        for i, material in enumerate(self.materials):
+            groups.setdefault(relatives(material, self.library.names), []).append(i)
+        for dropped, rows in groups.items():
+            classes = self.classes(self.library.without(*dropped), 1 if variation.one_class else K)
             for probe, basis in self.bases.items():
                 y = torch.cat(
                     [noisy_observations(self.images[probe][i], [level], f"{self.materials[i]} {probe}") for i in rows]
                 )
-                own = basis.without(*group) if self.left_out else basis
-                weights = fit(variation, own, classes, y)
+                weights = fit(variation, basis.without(*dropped), classes, y)
                 for novel, other in self.bases.items():
                     if novel == probe:
                         continue
-                    packed = (other.without(*group) if self.left_out else other).packed.double()
-                    rendered = torch.einsum("bnc,ncp->bcp", weights.double(), packed)
+                    rendered = torch.einsum("bnc,ncp->bcp", weights.double(), other.without(*dropped).packed.double())
                     found += [relative_rms(a, self.images[novel][i]) for a, i in zip(rendered, rows, strict=True)]
         return found
 
@@ -258,7 +255,7 @@ def tuning_set(
     for k, (name, probe) in enumerate(probes.items()):
         rendered = tb.render_basis(some, probe, view, samples=4 * DEFAULT_SAMPLES, seed=1 + k)
         images[name] = torch.stack([view.pack(rendered.image(material)) for material in materials]).double()
-    return Photographs(library, materials, bases, images, left_out=True)
+    return Photographs(library, materials, bases, images)
 
 
 def reported_set(library: tb.MaterialLibrary, folder: Path) -> Photographs:
@@ -270,7 +267,7 @@ def reported_set(library: tb.MaterialLibrary, folder: Path) -> Photographs:
         mine = {target.material: target for target in targets if target.probe_fingerprint == probe.fingerprint}
         bases[name] = tb.render_basis(library, probe, view)
         images[name] = torch.stack([view.pack(mine[material].photograph) for material in names]).double()
-    return Photographs(library, names, bases, images, left_out=False)
+    return Photographs(library, names, bases, images)
 
 
 def table(sets: Mapping[str, Photographs], variations: Sequence[Variation], level: float) -> str:

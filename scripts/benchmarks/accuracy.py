@@ -13,6 +13,8 @@ same weight, which is the best that any combination of the library's columns can
 
 Pixel noise of s %: each pixel and channel times 1 + s e / 100, e standard normal. The targets' own Monte Carlo noise n
 adds to the error e of a perfect result, too: the column "less noise" is the mean of sqrt(e^2 - n^2).
+A library that holds materials of the targets' families is measured twice: each target is recovered without its family
+(its name before the colour, as `cc` or `vch`), then without itself alone.
 With --tables the table that a user would save, whose cells below zero are clamped, is rendered instead of Y w (slow).
 With --merl-targets the targets are MERL tables, rendered by torchbrdf with other random numbers than the basis.
 """
@@ -31,7 +33,9 @@ from torchbrdf.brdf import table_paths
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import (
     BASELINES,
+    RELATIONS,
     Experiment,
+    Relation,
     Target,
     breakdown_table,
     common_exposure,
@@ -66,33 +70,38 @@ def merl_targets(folder: Path, probes: Mapping[str, tb.LightProbe], size: int) -
     return targets
 
 
-def figure(path: Path, experiment: Experiment, observed: str, novel: str, materials: Sequence[str]) -> None:
+def figure(path: Path, folds: Sequence[Experiment], observed: str, novel: str, materials: Sequence[str]) -> None:
     """A picture: photographs, the truth under the novel probe, and there what the baselines make of the photographs."""
+    known = {material: fold for fold in folds for material in fold.materials}
     for name in (observed, novel):
-        if name not in experiment.probes:
-            raise ValueError(f"--figure: there are targets under {', '.join(experiment.probes)}, not under {name}")
+        if name not in folds[0].probes:
+            raise ValueError(f"--figure: there are targets under {', '.join(folds[0].probes)}, not under {name}")
     for material in materials:
-        if material not in experiment.materials:
-            raise ValueError(f"--figure-materials: there are {', '.join(experiment.materials)}, not {material}")
-    photographs = experiment.observations(observed, [0])[0]
-    rendered = []
-    for setting in FIGURE_SHOWS:
-        classes = tb.MaterialClasses.fit(experiment.library, **setting.classes)
-        result = tb.BRDFEstimator(experiment.bases[observed], classes, **setting.estimator)(photographs)
-        rendered.append(experiment.relit(result.weights, [novel])[novel])
+        if material not in known:
+            raise ValueError(f"--figure-materials: there are {', '.join(known)}, not {material}")
     rows = {}
-    for material in materials or experiment.materials:
-        i = experiment.materials.index(material)
-        truth = experiment.targets[novel][material].photograph
-        shown = [(photographs[i], common_exposure([photographs[i]]))]
-        shown += [(image, common_exposure([truth])) for image in (truth, *(some[i] for some in rendered))]
-        rows[material.removesuffix("_rgb")] = [on_white(image, experiment.view.mask, scale) for image, scale in shown]
+    for material in materials or sorted(known):
+        fold = known[material]
+        i = fold.materials.index(material)
+        photograph, truth = fold.observations(observed, [0])[0, i], fold.targets[novel][material].photograph
+        shown = [(photograph, common_exposure([photograph])), (truth, common_exposure([truth]))]
+        for setting in FIGURE_SHOWS:
+            classes = tb.MaterialClasses.fit(fold.library, **setting.classes)
+            result = tb.BRDFEstimator(fold.bases[observed], classes, **setting.estimator)(photograph[None])
+            shown.append((fold.relit(result.weights, [novel])[novel][0], common_exposure([truth])))
+        rows[material.removesuffix("_rgb")] = [on_white(image, fold.view.mask, scale) for image, scale in shown]
     titles = [
         f"photograph,\n{observed}",
         f"truth,\n{novel}",
         *(f"{setting.name},\n{novel}" for setting in FIGURE_SHOWS),
     ]
     write_sheet(path, rows, titles, tile=88)
+
+
+def relations_of(experiment: Experiment) -> list[Relation]:
+    """How many kinds of leaving out make a difference."""
+    left = [[fold.library.names for fold in experiment.folds(relation)] for relation in RELATIONS]
+    return list(RELATIONS) if left[0] != left[1] else list(RELATIONS[:1])
 
 
 def run(options: argparse.Namespace) -> None:
@@ -112,14 +121,11 @@ def run(options: argparse.Namespace) -> None:
     folder = options.merl_targets
     targets = read_targets(options.targets) if folder is None else merl_targets(folder, probes, SIZE)
     experiment = Experiment.of(library, probes, targets, options.tables)
+    relations = relations_of(experiment)
     if options.figure:
         path, observed, novel = options.figure
-        figure(Path(path), experiment, observed, novel, options.figure_materials)
+        figure(Path(path), experiment.folds(relations[0]), observed, novel, options.figure_materials)
 
-    floor = experiment.floor()
-    cases = list(experiment.cases(settings, options.noise, options.observe))
-    if options.csv:
-        write_rows(options.csv, [asdict(case) for case in [*cases, *floor]])
     print(
         f"{len(experiment.materials)} materials, {len(experiment.probes)} probes, {experiment.view.size[0]} x "
         f"{experiment.view.size[1]} pixels, library of {len(library)}; "
@@ -132,11 +138,22 @@ def run(options: argparse.Namespace) -> None:
             f"targets' own noise: mean {percent(statistics.mean(own))}, largest {percent(max(own))}; colours below "
             f"zero: at most {percent(negative.negative)} of the norm ({negative.material}, {negative.probe}), set to 0"
         )
-    for level in options.noise:
-        some = [case for case in cases if case.noise == level] + floor
-        print(f"\n{level:g} % pixel noise\n\n{summary_table(some)}")
-        for by in ("material", "observed", "novel"):
-            print(f"\n{level:g} % pixel noise, observation / novel light by {by}\n\n{breakdown_table(some, by)}")
+    rows = []
+    for relation in relations:
+        folds = experiment.folds(relation)
+        floor = [case for fold in folds for case in fold.floor()]
+        cases = [case for fold in folds for case in fold.cases(settings, options.noise, options.observe)]
+        rows += [{"left_out": relation, **asdict(case)} for case in [*cases, *floor]]
+        fewest = min(len(fold.library) for fold in folds)
+        left_out = f"each without its {relation}" if fewest < len(library) else "of no family that the library holds"
+        for level in options.noise:
+            title = f"{level:g} % pixel noise, {left_out}"
+            some = [case for case in cases if case.noise == level] + floor
+            print(f"\n{title}\n\n{summary_table(some)}")
+            for by in ("material", "observed", "novel"):
+                print(f"\n{title}: observation / novel light by {by}\n\n{breakdown_table(some, by)}")
+    if options.csv:
+        write_rows(options.csv, rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

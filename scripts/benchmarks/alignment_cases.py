@@ -11,14 +11,14 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
-from torchbrdf.experiments import Target, light_under, noisy_observations, open_library
+from torchbrdf.experiments import Target, light_under, noisy_observations, open_library, without_relatives
 from torchbrdf.images import relative_rms
 from torchbrdf.light import rotation_vector
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=16)
 def classes_of(library: tb.MaterialLibrary) -> tb.MaterialClasses:
-    """The material classes, fitted once a process."""
+    """The material classes."""
     return tb.MaterialClasses.fit(library)
 
 
@@ -56,9 +56,9 @@ def align_case(
     library, probes   fingerprints; those probes that are not observed are the new lights
     turned, unturned  folders of targets
     """
-    whole = open_library(library_path, library)
-    lights = {name: light_under(whole, probe_paths[name], probes[name], size) for name in probes}
-    light, classes = lights[observed], classes_of(whole)
+    known = without_relatives(open_library(library_path, library), material)
+    lights = {name: light_under(known, probe_paths[name], probes[name], size) for name in probes}
+    light, classes = lights[observed], classes_of(known)
     novel = {name: Target.open(Path(unturned) / name / f"{material}.exr") for name in probes if name != observed}
 
     def novel_error(image: Tensor, basis: tb.BasisImages) -> float:
@@ -72,11 +72,11 @@ def align_case(
 
     image, rotation = photograph(Path(turned) / observed / f"{material}.exr", noise, seed)
     started = time.perf_counter()
-    found = tb.align(image, light.probe, light.view, whole)
+    found = tb.align(image, light.probe, light.view, known)
     seconds = time.perf_counter() - started
     left = rotation_vector(found.rotation @ rotation.T)
     right, _ = photograph(Path(unturned) / observed / f"{material}.exr", noise, seed)
-    kept = tb.align(right, light.probe, light.view, whole)
+    kept = tb.align(right, light.probe, light.view, known)
     return {
         "turned": degrees(float(rotation_vector(rotation).norm())),
         "left": degrees(float(left.norm())),

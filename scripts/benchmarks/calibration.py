@@ -13,9 +13,9 @@ UNMODELLED, and intervals that are the same share of these units everywhere, the
 cases. CRPS is the mean absolute error of a whole distribution: smaller is better, and width without need costs.
 
 With --leave-out the targets are materials of the library, rendered with other random numbers than the basis, and left
-out of it together with so many materials most like them. There it is also counted how often the class of a material is
-the one named. UNMODELLED is chosen on these, INFLATION on measured ones: by halves, each reported on the other
-(docs/uncertainty.md).
+out of it together with their family and so many materials most like them. There it is also counted how often the class
+of a material is the one named. UNMODELLED is chosen on these, INFLATION on measured ones: by halves, each reported on
+the other (docs/uncertainty.md).
 """
 
 import argparse
@@ -43,6 +43,7 @@ from torchbrdf.experiments import (
     noisy_observations,
     open_probes,
     read_targets,
+    relatives,
 )
 from torchbrdf.transport import DEFAULT_SAMPLES
 
@@ -251,7 +252,8 @@ def left_out(
     cases, namings = [], []
     for i in tqdm(range(0, len(library), step), desc="materials", leave=False):
         material = library.names[i]
-        dropped = [library.names[j] for j in angles[i].argsort()[: others + 1].tolist()]
+        nearest = [library.names[j] for j in angles[i].argsort()[: others + 1].tolist()]
+        dropped = dict.fromkeys([*nearest, *relatives(material, library.names)])
         classes = whole_without(whole, library.without(*dropped))
         truth = {name: view.pack(one.image(material)) for name, one in again.items()}
         less = {name: one.without(*dropped) for name, one in bases.items()}
@@ -336,7 +338,7 @@ def run(options: argparse.Namespace) -> None:
             f"--measured ../shared/data/rgl -o {options.targets}"
         )
     experiment = Experiment.of(library, probes, read_targets(options.targets))
-    cases = measured(experiment, options.noise)
+    cases = [case for fold in experiment.folds("family") for case in measured(fold, options.noise)]
     print(f"{len(cases)} cases of {len(experiment.materials)} materials, in per cent\n\n{scores(cases)}")
     print(f"\n{halves(cases)}")
     for level in options.noise:

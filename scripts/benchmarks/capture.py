@@ -23,9 +23,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import torchbrdf as tb
 from capture_stages import IDEAL, Stage, capture_case, code_of_package, is_available, stages
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
-from torchbrdf.experiments import markdown_table, percent, sweep_options
+from torchbrdf.experiments import markdown_table, percent, relatives, sweep_options
 from torchbrdf.files import writing
 from torchbrdf.sweep import Task, sweep
 
@@ -138,12 +139,17 @@ def run(options: argparse.Namespace) -> None:
             known = "; ".join(stage.name for stage in stages(options.by_hand))
             raise ValueError(f"--stages: none holds {options.stages[0]!r}; there are {known}")
     ready = [stage for stage in chosen if all(is_available(need) for need in stage.needs)]
-    more = [] if options.library is None else ["--library", str(options.library.resolve())]
-    common = {"by_hand": options.by_hand, "options": more, "code": code_of_package()}
+    library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
+    given = [] if options.library is None else ["--library", str(options.library.resolve())]
+    common = {"by_hand": options.by_hand, "code": code_of_package()}
+
+    def options_of(material: str) -> list[str]:
+        return given + [word for name in relatives(material, library.names) for word in ("--without", name)]
+
     tasks = [
         Task(
             f"{name}-{stage.name.replace(' ', '_')}",
-            common | {"stage": stage.name, "truth": truth},
+            common | {"stage": stage.name, "truth": truth, "options": options_of(truth["material"])},
             {"captures": str(options.captures.resolve())},
         )
         for name, truth in truths.items()

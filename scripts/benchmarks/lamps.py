@@ -28,7 +28,7 @@ from torch.nn.functional import normalize
 
 import torchbrdf as tb
 from torchbrdf.command_line import Parser, exit_status
-from torchbrdf.experiments import SHARED, markdown_table, noisy_observations
+from torchbrdf.experiments import SHARED, markdown_table, noisy_observations, without_relatives
 from torchbrdf.images import luminance, read_image
 from torchbrdf.light import rotation_of, rotation_vector
 from torchbrdf.mitsuba_backend import MitsubaScene
@@ -133,7 +133,7 @@ def run(options: argparse.Namespace) -> int:
             for clipped in options.clipped:
                 for turned in options.turned:
                     given = (rest + sun).clamp_max(float((rest + sun).max()) / clipped)
-                    row = case(noisy, rest + sun, given, turned, len(rows), library)
+                    row = case(noisy, rest + sun, given, turned, len(rows), without_relatives(library, material))
                     rows.append({"probe": Path(name).stem, "material": material, "by": clipped, "turned": turned} | row)
                     print(rows[-1], file=sys.stderr, flush=True)
     print(report(rows))

@@ -23,7 +23,7 @@ import torchbrdf as tb
 from calibration import whole_without
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation.observability import observability
-from torchbrdf.experiments import default_probes, markdown_table, noisy_observations, open_probes
+from torchbrdf.experiments import default_probes, markdown_table, noisy_observations, open_probes, without_relatives
 
 SHARES = (0.3, 0.1, 0.03, 0.01)
 """Of the first probe's mean radiance in the mixtures with uniform light."""
@@ -63,13 +63,13 @@ def novel_error(
     """Mean over left-out materials and probes other than the light; pairs are basis images and independent ones."""
     errors: list[Tensor] = []
     for material in library.names[::step]:
-        less = library.without(material)
-        estimator = tb.BRDFEstimator(light[0].without(material), whole_without(classes, less))
+        less = without_relatives(library, material)
+        estimator = tb.BRDFEstimator(light[0].subset(less.names), whole_without(classes, less))
         packed = noisy_observations(light[1].pack(light[1].image(material)).double(), [1.0], f"{material} {name}")
         weights = estimator(light[0].unpack(packed[0])).weights
         for other, (basis, again) in probes.items():
             if other not in name:
-                shown = torch.einsum("nc,ncp->cp", weights, basis.without(material).packed.double())
+                shown = torch.einsum("nc,ncp->cp", weights, basis.subset(less.names).packed.double())
                 truth = again.pack(again.image(material)).double()
                 errors.append((shown - truth).norm() / truth.norm())
     return float(torch.stack(errors).mean())

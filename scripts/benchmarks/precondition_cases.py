@@ -16,7 +16,7 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.analytic import AnalyticFit, CellTransport, Method, fit_analytic, fit_analytic_to_image, model_of
 from torchbrdf.analytic.variables import FitVariables
-from torchbrdf.experiments import Target, noisy_observations, open_library
+from torchbrdf.experiments import Target, noisy_observations, open_library, without_relatives
 from torchbrdf.images import relative_rms
 
 TRUTH_SAMPLES, TRUTH_SEED = 4096, 1
@@ -39,12 +39,12 @@ def open_probe(path: str, fingerprint: str) -> tb.LightProbe:
     return probe
 
 
-@lru_cache
+@lru_cache(maxsize=16)
 def basis_images(library: tb.MaterialLibrary, path: str, fingerprint: str, size: int) -> tb.BasisImages:
     return tb.render_basis(library, open_probe(path, fingerprint), tb.SphereView(size))
 
 
-@lru_cache
+@lru_cache(maxsize=16)
 def estimator(library: tb.MaterialLibrary, path: str, fingerprint: str, size: int) -> tb.BRDFEstimator:
     return tb.BRDFEstimator(basis_images(library, path, fingerprint, size), tb.MaterialClasses.fit(library))
 
@@ -86,7 +86,7 @@ def precondition(
              model fitted to it; seconds_before of both together; runs, one for each method and start: its loss, the
              history of losses as lists of evaluations, seconds and losses, and novel_error
     """
-    whole = open_library(library_path, library)
+    known = without_relatives(open_library(library_path, library), material)
     chosen = model_of(model)
     lights = {name: transport(probe_paths[name], probes[name], size) for name in probes}
     if planted is None:
@@ -109,14 +109,14 @@ def precondition(
         f_r = {name: chosen.evaluate(fit.parameters, one.geometry) for name, one in new.items()}
         return novel_error({name: picture(one, f_r[name]) for name, one in new.items()})
 
-    estimate = estimator(whole, probe_paths[observed], probes[observed], size)
+    estimate = estimator(known, probe_paths[observed], probes[observed], size)
     began = time.perf_counter()
     result = estimate(photograph)
-    fit = fit_analytic(result, model, library=whole)
+    fit = fit_analytic(result, model, library=known)
     seconds_before = time.perf_counter() - began
     reconstructed = {}
     for name in [name for name in probes if name != observed]:
-        basis = basis_images(whole, probe_paths[name], probes[name], size)
+        basis = basis_images(known, probe_paths[name], probes[name], size)
         reconstructed[name] = basis.unpack(torch.einsum("nc,ncp->cp", result.weights, basis.packed))
     starts = {"default": chosen.defaults, "reconstruction": fit.parameters}
     draws = random_parameters(model, int.from_bytes(hashlib.sha256(key.encode()).digest()[:4]), random_starts)

@@ -11,7 +11,7 @@ from torch.nn.functional import avg_pool2d, normalize
 
 import torchbrdf as tb
 from alignment_cases import basis_under, classes_of
-from torchbrdf.experiments import light_under, noisy_observations, open_library
+from torchbrdf.experiments import light_under, noisy_observations, open_library, without_relatives
 from torchbrdf.images import read_image, relative_rms
 from torchbrdf.light import rotation_of, rotation_vector
 from torchbrdf.photograph import Circle, Observation, observe
@@ -72,9 +72,9 @@ def silhouette_case(
     off              pixels of 64 by which the guess is moved, in a random direction, and grown
     turned           degrees by which the probe is turned about a random axis
     """
-    whole = open_library(library_path, library)
-    lights = {name: light_under(whole, probe_paths[name], probes[name], SIZE) for name in probes}
-    view, classes = tb.SphereView(SIZE), classes_of(whole)
+    known = without_relatives(open_library(library_path, library), material)
+    lights = {name: light_under(known, probe_paths[name], probes[name], SIZE) for name in probes}
+    view, classes = tb.SphereView(SIZE), classes_of(known)
     fine = {name: read_image(Path(renderings) / name / f"{material}.exr") for name in probes}
     generator = torch.Generator().manual_seed(seed)
     azimuth = 2 * pi * float(torch.rand(1, generator=generator))
@@ -99,13 +99,13 @@ def silhouette_case(
         return sum(errors) / len(errors)
 
     started, cpu = time.perf_counter(), time.process_time()
-    found = tb.align(image, probe, view, whole, silhouette=guess)
+    found = tb.align(image, probe, view, known, silhouette=guess)
     seconds, cpu = time.perf_counter() - started, time.process_time() - cpu
     circle = found.silhouette
     assert isinstance(circle, Circle)
     assert found.observation is not None
     assert found.ball is not None
-    before = basis_under(given) if given else tb.HarmonicBasis(whole, probe, view).basis_at()
+    before = basis_under(given) if given else tb.HarmonicBasis(known, probe, view).basis_at()
     return {
         "ideal": novel_error(observe(image, TRUTH, size=SIZE), basis_under(lights[observed])),
         "before": novel_error(observe(image, guess, size=SIZE), before),

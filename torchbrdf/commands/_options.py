@@ -139,8 +139,10 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
 
 
 def add_library(parser: argparse.ArgumentParser) -> None:
-    """`--library`."""
+    """`--library` and `--without`."""
     parser.add_argument("--library", type=Path, help="folder of MERL *.binary files; default: the embedded library")
+    text = "leave a material out of the library, such as the one that is to be recovered; may be given several times"
+    parser.add_argument("--without", action="append", default=[], metavar="NAME", help=text)
 
 
 def add_shape(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,13 @@ from .accuracy_cases import (
     breakdown_table as breakdown_table,
     summary_table as summary_table,
 )
+from .families import (
+    RELATIONS as RELATIONS,
+    Relation as Relation,
+    family as family,
+    relatives as relatives,
+    without_relatives as without_relatives,
+)
 from .meshes import (
     FRONT as FRONT,
     cap as cap,

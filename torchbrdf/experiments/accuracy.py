@@ -4,7 +4,7 @@ import ast
 import inspect
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -14,6 +14,7 @@ from tqdm import tqdm
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, MaterialClasses
 from torchbrdf.experiments.accuracy_cases import FLOOR, Case
+from torchbrdf.experiments.families import Relation, relatives
 from torchbrdf.experiments.scenes import Scene, noisy_observations
 from torchbrdf.experiments.targets import Target
 from torchbrdf.images import relative_rms
@@ -134,6 +135,24 @@ class Experiment:
         """In the order of all stacks."""
         return list(next(iter(self.targets.values())))
 
+    def folds(self, relation: Relation) -> list["Experiment"]:
+        """Experiments of those targets that have the same relatives in the library, which does not hold these."""
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for material in self.materials:
+            groups.setdefault(relatives(material, self.library.names, relation), []).append(material)
+        found = []
+        for dropped, materials in groups.items():
+            targets = {name: {one: some[one] for one in materials} for name, some in self.targets.items()}
+            bases = {name: basis.without(*dropped) for name, basis in self.bases.items()}
+            found.append(replace(self, library=self.library.without(*dropped), targets=targets, bases=bases))
+        return found
+
+    def _check_unknown(self) -> None:
+        for material in self.materials:
+            known = relatives(material, self.library.names, "material")
+            if known:
+                raise ValueError(f"{known[0]} is in the library that it is to be recovered from; take `folds` first")
+
     def observations(self, probe: str, levels: Sequence[float]) -> Tensor:
         """(levels, materials, 3, H, W): photographs under a probe with pixel noise."""
         stacks = [
@@ -161,7 +180,11 @@ class Experiment:
     def cases(
         self, settings: Sequence[Setting], levels: Sequence[float], observed: Sequence[str] | None = None
     ) -> Iterator[Case]:
-        """Every material, probe of observation (of `observed`; default: all) and other probe."""
+        """Every material, probe of observation (of `observed`; default: all) and other probe.
+
+        Raises ValueError where the library holds one of the materials.
+        """
+        self._check_unknown()
         classes: dict[str, MaterialClasses] = {}
         jobs = list(itertools.product(settings, observed or self.probes))
         for setting, probe in tqdm(jobs, desc="fits", leave=False):
@@ -186,7 +209,11 @@ class Experiment:
                     )
 
     def floor(self) -> list[Case]:
-        """Least squares on all probes at once, each divided by the norm of its target; errors under every probe."""
+        """Least squares on all probes at once, each divided by the norm of its target; errors under every probe.
+
+        Raises ValueError where the library holds one of the materials.
+        """
+        self._check_unknown()
         scenes = [Scene.of(name, self.bases[name].packed) for name in self.probes]
         weights = []
         for material in self.materials:

@@ -58,7 +58,7 @@ def open_library(path: str, source: str) -> MaterialLibrary:
     return library
 
 
-@lru_cache
+@lru_cache(maxsize=16)
 def light_under(library: MaterialLibrary, path: str, fingerprint: str, size: int) -> HarmonicBasis:
     """What does not change when a probe turns."""
     with warnings.catch_warnings():

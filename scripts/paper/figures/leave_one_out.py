@@ -12,7 +12,7 @@ import torchbrdf as tb
 from paper.figures.light import DIRECTIONAL, Light, ball_error, percent
 from paper.figures.sheet import Block, Cell, Profile, Row, Sheet, Tile, enlarged, middle_line, sphere_tile
 from paper.figures.studio import NAIVE, ONE_CLASS, OURS, PAPER, Studio, stored
-from torchbrdf.experiments import Setting, common_exposure, markdown_table
+from torchbrdf.experiments import Setting, common_exposure, markdown_table, without_relatives
 
 SPREAD = (
     "pink-felt", "green-latex", "red-plastic", "specular-blue-phenolic", "red-specular-plastic", "gold-metallic-paint2",
@@ -155,7 +155,7 @@ def fits(
     parts = tuple(Fit.__annotations__)
 
     def make() -> dict[str, Tensor]:
-        library = studio.library.without(name)
+        library = without_relatives(studio.library, name)
         photograph = studio.photographs(materials, probe)[name]
         made: dict[str, Tensor] = {}
         for i, setting in enumerate(settings):

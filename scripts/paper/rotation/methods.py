@@ -15,17 +15,18 @@ from torchbrdf.estimation.solvers import balance, prior_mean
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """A material that was photographed, and the classes of the library without it."""
+    """A material that was photographed, and the library without its family.
+
+    position  of the material in the whole library
+    kept      columns of the whole library that are left
+    classes   of those
+    """
 
     name: str
     position: int
+    library: tb.MaterialLibrary
+    kept: Tensor
     classes: tb.MaterialClasses
-
-    @property
-    def kept(self) -> Tensor:
-        """(n - 3,): the columns of the whole library that are left."""
-        columns = torch.arange(len(self.classes.labels) + 3)
-        return columns[columns // 3 != self.position]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +142,7 @@ def auto(capture: Capture) -> Found:
     """The estimator's default, as a user without the material would call it."""
     found, basis = Found.empty(capture), capture.belief.basis
     for m, material in enumerate(capture.left_out):
-        estimator = tb.BRDFEstimator(basis.without(material.name), material.classes)
+        estimator = tb.BRDFEstimator(basis.subset(material.library.names), material.classes)
         result = estimator(basis.unpack(capture.photographs[m]))
         found.weights[m][..., material.kept] = result.weights.mT
         found.class_index[m], found.error[m] = result.class_index, result.error
@@ -152,10 +153,9 @@ def aligned(capture: Capture) -> Found:
     """The default after `tb.align` has found the rotation, starting from the one that is believed."""
     found, light = Found.empty(capture), capture.light
     for m, material in enumerate(capture.left_out):
-        library = light.library.without(material.name)
         for s, photograph in enumerate(capture.photographs[m]):
             image = capture.belief.basis.unpack(photograph)
-            basis = tb.align(image, light.probe, light.view, library, start=capture.rotation).basis
+            basis = tb.align(image, light.probe, light.view, material.library, start=capture.rotation).basis
             result = tb.BRDFEstimator(basis, material.classes)(image)
             found.weights[m, s][:, material.kept] = result.weights.mT
             found.class_index[m, s], found.error[m, s] = result.class_index, result.error

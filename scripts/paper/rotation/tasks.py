@@ -15,7 +15,8 @@ from torch import Tensor
 
 import torchbrdf as tb
 from paper.rotation.methods import METHODS, Capture, LeftOut, Lit, partition
-from torchbrdf.experiments import light_under, noisy_observations, open_library
+from torchbrdf.brdf import columns_of
+from torchbrdf.experiments import light_under, noisy_observations, open_library, without_relatives
 from torchbrdf.light import rotation_of
 
 AXES = "XYZ"
@@ -50,21 +51,23 @@ def lit(light: tb.HarmonicBasis, turn: Turn) -> Lit:
 
 @lru_cache(maxsize=1024)
 def left_out(library: tb.MaterialLibrary, name: str, labels: str, n_dims: int) -> LeftOut:
-    """A material and the classes, a digit a column, of the library without it."""
-    classes = partition(library.without(name), torch.tensor([int(label) for label in labels]), n_dims)
-    return LeftOut(name, library.position(name), classes)
+    """A material and the classes, a digit a column, of the library without its family."""
+    less = without_relatives(library, name)
+    kept = columns_of([library.position(other) for other in less.names])
+    classes = partition(less, torch.tensor([int(label) for label in labels]), n_dims)
+    return LeftOut(name, library.position(name), less, kept, classes)
 
 
 def fit_classes(
     library: str, n_classes: int, n_dims: int, materials: Sequence[str | None], library_path: str
 ) -> list[str]:
-    """The class of every column of the library without each of some materials, or of the whole library for None."""
+    """The class of every column of the library less the family of each of some materials, or less none for None."""
     whole = open_library(library_path, library)
     found = []
     for name in materials:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # fewer classes than asked for: the report counts them
-            classes = tb.MaterialClasses.fit(whole.without(name) if name else whole, n_classes, n_dims)
+            classes = tb.MaterialClasses.fit(without_relatives(whole, name) if name else whole, n_classes, n_dims)
         found.append("".join(map(str, classes.labels.tolist())))
     return found
 
