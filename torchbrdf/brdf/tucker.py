@@ -1,6 +1,6 @@
 """BRDFs as a Tucker decomposition of their logarithms [Tuc66], and that of the embedded library.
 
-    log(1 + f_r / f_0) = sum over terms of  g  u_a(theta_h) v_b(theta_d) w_c(phi_d),   f_0 = 0.002 / sr
+    log(1 + f_r / f_0) = sum over terms of  g  u_a(theta_h) v_b(theta_d) w_c(phi_d),   f_0 = 0.001 / sr
 
 The profiles u, v and w are shared by all BRDFs: the leading eigenvectors of the scatter of their logarithms along each
 angle, on the cells of MERL's grid. A BRDF is its coefficients g of the terms (a, b, c) that hold most of all BRDFs.
@@ -16,10 +16,10 @@ from torch import Tensor
 
 from torchbrdf.brdf.merl_grid import GRID
 
-MODEL_VERSION = 2
+MODEL_VERSION = 3
 """Changes with the formula: tables expanded from the coefficients of another version are stale."""
 
-FLOOR = 2e-3
+FLOOR = 1e-3
 """f_0 in 1/sr: what is far below it counts by its difference, what is far above by its ratio."""
 
 DEFAULT_FILE = "default_library.safetensors"
