@@ -1,8 +1,8 @@
 """What spoils a capture, and which setting stands it: the table of docs/results/capture_defects.md.
 
 Run `python scripts/benchmarks/capture_sensitivity.py`; it needs no data. Materials of the embedded library are
-photographed under the default light probe with one defect at a time, recovered from the other 99, and compared with
-the truth under another light.
+photographed under the default light probe with one defect at a time, recovered from the others, and compared with the
+truth under another light.
 """
 
 from collections.abc import Callable

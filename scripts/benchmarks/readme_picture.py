@@ -1,7 +1,7 @@
 """The picture of the README: photographs of three balls, and the recovered BRDFs under a light they never saw.
 
 Run `python scripts/benchmarks/readme_picture.py`; it needs no data and writes docs/figures/recovered.png. Each
-material is recovered from the other 99 of the embedded library, from one simulated photograph with noise.
+material is recovered from the others of the embedded library, from one simulated photograph with noise.
 """
 
 from pathlib import Path

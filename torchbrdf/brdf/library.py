@@ -33,7 +33,7 @@ class MaterialLibrary:
 
     @classmethod
     def default(cls, progress: bool = True) -> "MaterialLibrary":
-        """The embedded library of 100 materials: encoded, and expanded into a cache on first use."""
+        """The embedded library of 116 materials: encoded, and expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
         return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
 

@@ -15,7 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Photograph a ball of one embedded material, recover it from the other 99, and compare under another light."""
+    """Photograph a ball of one embedded material, recover it from the others, and compare under another light."""
     import torch
 
     from torchbrdf.brdf import MaterialLibrary

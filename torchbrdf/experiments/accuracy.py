@@ -110,7 +110,10 @@ class Experiment:
         targets: Sequence[Target],
         tables: bool = False,
     ) -> "Experiment":
-        """Render the basis images. Raises ValueError where a probe or a target is missing."""
+        """Render the basis images, by samples, whatever is precomputed: errors must not depend on what the cache holds.
+
+        Raises ValueError where a probe or a target is missing.
+        """
         by_light = {probe.fingerprint: name for name, probe in probes.items()}
         found: dict[str, dict[str, Target]] = {}
         for target in targets:
@@ -126,7 +129,10 @@ class Experiment:
             raise ValueError(f"new light needs targets under at least two probes, got {', '.join(found)}")
         view = SphereView(targets[0].size)
         used = {name: probe for name, probe in probes.items() if name in found}
-        bases = {name: render_basis(library, used[name], view) for name in tqdm(used, desc="basis", leave=False)}
+        bases = {
+            name: render_basis(library, probe, view, backend="sampled")
+            for name, probe in tqdm(used.items(), desc="basis", leave=False)
+        }
         ordered = {name: {material: found[name][material] for material in materials} for name in used}
         return cls(library, view, used, ordered, bases, tables)
 
