@@ -10,7 +10,7 @@ from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.harmonic.cache import transport_of
-from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight
+from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight, beside
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
@@ -67,7 +67,7 @@ class HarmonicBasis:
         Raises ValueError for other weights, or where rotation is none.
         """
         self._check(weights, rotation)
-        return self._image(self._light_at(rotation), weights)
+        return self._images(self._light_at(rotation), weights)[0]
 
     def images_of(self, weights: Tensor) -> Tensor:
         """(K, 3, H, W): K images Y w under the probe as it is, for weights (K, n, 3).
@@ -102,7 +102,7 @@ class HarmonicBasis:
         for light, multiple in self._light.harmonics(turned):  # times exp(-i m angle), a turn about +Z
             slope = torch.sin(torch.arange(len(light), device=light.device) * _STEP)[:, None, None] / _STEP
             about_view.append((-slope * multiple, slope * light))
-        change = torch.stack([self._image(light, weights) for light in (*changes, about_view)])
+        change = self._images(beside([*changes, about_view]), weights)
         return change if self._frame is None else torch.einsum("ij,jcp->icp", self._frame.to(change), change)
 
     def _light_at(self, rotation: Tensor | None) -> LightHarmonics:
@@ -123,8 +123,10 @@ class HarmonicBasis:
         if rotation is not None:
             checked_rotation(rotation)
 
-    def _image(self, light: LightHarmonics, weights: Tensor) -> Tensor:
-        return torch.diagonal(self.transport.blended(light, self._facing, self._whole(weights))).T
+    def _images(self, light: LightHarmonics, weights: Tensor) -> Tensor:
+        """(K, 3, P): Y w under K lights that are `beside` each other."""
+        blended = self.transport.blended(light, self._facing, self._whole(weights)).unflatten(1, (-1, 3))
+        return torch.diagonal(blended, dim1=0, dim2=2).movedim(-1, 1)  # each combination in its own channel
 
     def _whole(self, weights: Tensor) -> Tensor:
         """Weights (..., n, 3) of this library's columns as weights of all stored ones."""

@@ -1,5 +1,6 @@
 """A light probe about the view direction: Fourier series in azimuth, splines over the polar angle."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import atan2, pi, radians, sin
@@ -24,6 +25,16 @@ _BLUR = radians(0.1)
 
 LightHarmonics = list[tuple[Tensor, Tensor]]
 """Coefficients l of every zone, and i l, each (M, 6, elevations) float32: real parts of R, G and B, then imaginary."""
+
+
+def beside(lights: Sequence[LightHarmonics]) -> LightHarmonics:
+    """K lights as one of 3 K channels: (M, 6 K, elevations), real parts of all, then imaginary."""
+
+    def together(coefficients: Sequence[Tensor]) -> Tensor:
+        return torch.cat([one.unflatten(1, (2, 3)) for one in coefficients], 2).flatten(1, 2)
+
+    by_zone = [zip(*zone, strict=True) for zone in zip(*lights, strict=True)]
+    return [(together(coefficients), together(multiples)) for coefficients, multiples in by_zone]
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,14 +77,15 @@ class HarmonicTransport:
         return self._in_place(image, view)
 
     def blended(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
-        """(C, 3, P) float32: images of C combinations of the library's columns, for weights (n, C).
+        """(C, 3 K, P) float32: images of C combinations of the library's columns, for weights (n, C), under K lights.
 
+        light  of one probe, or of K that are `beside` each other
         They are combined before anything is done for pixels: a fraction of the cost of `packed`.
         """
-        blend = weights.to(self.device, torch.float32)
-        image = torch.zeros(weights.shape[1], 3 * len(view.pixels), device=self.device)
+        blend, channels = weights.to(self.device, torch.float32), _channels(light[0][0])
+        image = torch.zeros(weights.shape[1], channels * len(view.pixels), device=self.device)
         for _, pixels, blends in self._seen(light, view, blend):
-            image[:, 3 * pixels.start : 3 * pixels.stop] += blends.T
+            image[:, channels * pixels.start : channels * pixels.stop] += blends.T
         return self._in_place(image, view)
 
     def pictured(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
@@ -107,7 +108,10 @@ class HarmonicTransport:
     def _seen(
         self, light: LightHarmonics, view: View, blend: Tensor | None = None
     ) -> Iterator[tuple[Kernels, slice, Tensor]]:
-        """Every group of rings, the pixels that see it, and its mixtures (3 Q, R) there or their blends (3 Q, C)."""
+        """Every group of rings, the pixels that see it, and its mixtures there or their blends.
+
+        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other.
+        """
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
         for group, seen in zip(self._groups_of(view), self.lookup(view).groups, strict=True):
             if seen is None:
@@ -115,12 +119,13 @@ class HarmonicTransport:
             mixes = None if blend is None else group.mixes(blend)
             rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes))
             mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
-            yield group, seen.pixels, mixtures.view(3 * len(mixtures), -1)
+            yield group, seen.pixels, mixtures.view(_channels(light[0][0]) * len(mixtures), -1)
 
     def _in_place(self, image: Tensor, view: View) -> Tensor:
-        """(C, 3 P), pixels in order of their normals -> (C, 3, P) in the view's order."""
+        """(C, 3 K P), pixels in order of their normals -> (C, 3 K, P) in the view's order."""
         rank = self.lookup(view).rank
-        return image.view(len(image), -1, 3).transpose(1, 2).gather(2, rank.expand(len(image), 3, -1))
+        by_channel = image.view(len(image), len(rank), -1).transpose(1, 2)
+        return by_channel.gather(2, rank.expand_as(by_channel))
 
     def to(self, device: torch.device | str) -> "HarmonicTransport":
         """On another device."""
@@ -143,14 +148,14 @@ def frequencies_of(light: Tensor) -> int:
 def spectrum(
     group: Kernels, light: tuple[Tensor, Tensor], contained: int, mixes: Sequence[tuple[Tensor, Tensor]] | None = None
 ) -> Tensor:
-    """(M, 2, G, 3, R) or (M, 2, G, 3, C): series of the mixtures' radiance along the rings, or of blends of them.
+    """(M, 2, G, 3 K, R) or (M, 2, G, 3 K, C): series of the mixtures' radiance along the rings, or of blends of them.
 
-    2 for real and imaginary parts, 3 for the channels of the light
+    2 for real and imaginary parts, 3 K for the channels of the light
     contained  frequencies of the light; M is at most that
     mixes      of every band, to blends instead of mixtures: (r, C) for the even and (s, C) for the odd part
     """
     mixes = mixes or [(band.mix_even, band.mix_odd) for band in group.bands]
-    parts = []
+    parts, channels = [], _channels(light[0])
     for band, mix in zip(group.bands, mixes, strict=True):
         if band.low >= contained:
             break
@@ -159,24 +164,29 @@ def spectrum(
         rows = slice(group.first_row, group.first_row + band.even.shape[1])
         even, odd = (
             torch.bmm(side[frequencies, :, rows], kernels[:count])
-            .view(2 * count, 3, group.n_rings, len(part))
+            .view(2 * count, channels, group.n_rings, len(part))
             .transpose(1, 2)
-            .reshape(6 * count * group.n_rings, len(part))
+            .reshape(2 * channels * count * group.n_rings, len(part))
             for side, kernels, part in zip(light, (band.even, band.odd), mix, strict=True)
         )
         parts.append((even @ mix[0]).addmm_(odd, mix[1]))
     series = torch.cat(parts)
-    return series.view(-1, 2, group.n_rings, 3, series.shape[1])
+    return series.view(-1, 2, group.n_rings, channels, series.shape[1])
+
+
+def _channels(coefficients: Tensor) -> int:
+    """3 K of coefficients (M, 6 K, elevations)."""
+    return coefficients.shape[1] // 2
 
 
 def _rings(group: Kernels, series: Tensor) -> Tensor:
-    """(A G, 3 R): radiance of the mixtures at the places along the rings; rings after the place, mixtures last."""
+    """(A G, 3 K R): radiance of the mixtures at the places along the rings; rings after the place, mixtures last."""
     real, imaginary = series.flatten(2).unbind(1)
     waves = _quarter_series(len(series), group.places, str(series.device))
     terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
     e, d, s, u = (matrix @ term for matrix, term in zip(waves, terms, strict=True))
     p, q, r, t = e + d, s + u, e - d, s - u
-    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, 3 * series.shape[-1])
+    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, series[0, 0, 0].numel())
 
 
 @lru_cache(maxsize=64)
