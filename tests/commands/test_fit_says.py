@@ -1,5 +1,6 @@
 """What `torchbrdf fit` prints: the silhouette, the light, the residual, every warning; what --strict makes of them."""
 
+import json
 import warnings
 from pathlib import Path
 
@@ -83,6 +84,23 @@ def write_half_recorded(path: Path, image: Tensor) -> None:
     """An .exr with alpha whose last fifteen columns were not recorded."""
     planes = {name: plane[:, :60].numpy() for name, plane in zip("RGBA", image, strict=True)}
     write_exr(path, planes, displayWindow=window(0, 0, 74, 59), dataWindow=window(0, 0, 59, 59))
+
+
+@pytest.mark.usefixtures("reports")
+def test_a_material_that_is_left_out_has_no_weight(fit, photo, tmp_path):
+    mask, without = ("--mask", photo.parent / "mask.png"), ("--without", "gold-0.3", "--without", "red")
+    assert fit(photo, *mask, *without)[0] == 0
+    weights = json.loads((tmp_path / "out" / "weights.json").read_text())["weights"]
+    materials = {weight["material"] for weight in weights}
+    assert materials
+    assert materials <= {"white", "teal", "satin-0.35", "plastic-0.1", "steel-0.15", "copper-0.08"}
+
+
+def test_a_name_to_leave_out_that_the_library_lacks(fit, photo):
+    status, _, errors = fit(photo, "--mask", photo.parent / "mask.png", "--without", "gold-3")
+    assert status == 2
+    (line,) = errors
+    assert "no material 'gold-3' in this library of 8; did you mean gold-0.3" in line
 
 
 def test_every_warning_of_the_report_is_said(fit, photo, reports):
