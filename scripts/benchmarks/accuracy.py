@@ -33,13 +33,12 @@ from torchbrdf.brdf import table_paths
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import (
     BASELINES,
-    RELATIONS,
     Experiment,
-    Relation,
     Target,
     breakdown_table,
     common_exposure,
     default_probes,
+    described,
     on_white,
     open_probes,
     parse_choice,
@@ -98,12 +97,6 @@ def figure(path: Path, folds: Sequence[Experiment], observed: str, novel: str, m
     write_sheet(path, rows, titles, tile=88)
 
 
-def relations_of(experiment: Experiment) -> list[Relation]:
-    """How many kinds of leaving out make a difference."""
-    left = [[fold.library.names for fold in experiment.folds(relation)] for relation in RELATIONS]
-    return list(RELATIONS) if left[0] != left[1] else list(RELATIONS[:1])
-
-
 def run(options: argparse.Namespace) -> None:
     choices = {"n_classes": options.n_classes, "penalty": [parse_value(value) for value in options.penalty]}
     choices = {key: values for key, values in choices.items() if values} | dict(map(parse_choice, options.setting))
@@ -121,10 +114,9 @@ def run(options: argparse.Namespace) -> None:
     folder = options.merl_targets
     targets = read_targets(options.targets) if folder is None else merl_targets(folder, probes, SIZE)
     experiment = Experiment.of(library, probes, targets, options.tables)
-    relations = relations_of(experiment)
     if options.figure:
         path, observed, novel = options.figure
-        figure(Path(path), experiment.folds(relations[0]), observed, novel, options.figure_materials)
+        figure(Path(path), experiment.folds("family"), observed, novel, options.figure_materials)
 
     print(
         f"{len(experiment.materials)} materials, {len(experiment.probes)} probes, {experiment.view.size[0]} x "
@@ -139,13 +131,12 @@ def run(options: argparse.Namespace) -> None:
             f"zero: at most {percent(negative.negative)} of the norm ({negative.material}, {negative.probe}), set to 0"
         )
     rows = []
-    for relation in relations:
+    for relation in experiment.relations:
         folds = experiment.folds(relation)
         floor = [case for fold in folds for case in fold.floor()]
         cases = [case for fold in folds for case in fold.cases(settings, options.noise, options.observe)]
         rows += [{"left_out": relation, **asdict(case)} for case in [*cases, *floor]]
-        fewest = min(len(fold.library) for fold in folds)
-        left_out = f"each without its {relation}" if fewest < len(library) else "of no family that the library holds"
+        left_out = described(relation, folds, library)
         for level in options.noise:
             title = f"{level:g} % pixel noise, {left_out}"
             some = [case for case in cases if case.noise == level] + floor

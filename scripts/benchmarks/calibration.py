@@ -39,6 +39,7 @@ from torchbrdf.estimation.posterior import INFLATION, UNMODELLED
 from torchbrdf.experiments import (
     Experiment,
     default_probes,
+    described,
     markdown_table,
     noisy_observations,
     open_probes,
@@ -338,10 +339,17 @@ def run(options: argparse.Namespace) -> None:
             f"--measured ../shared/data/rgl -o {options.targets}"
         )
     experiment = Experiment.of(library, probes, read_targets(options.targets))
-    cases = [case for fold in experiment.folds("family") for case in measured(fold, options.noise)]
+    for relation in experiment.relations:
+        folds = experiment.folds(relation)
+        print(f"\n{described(relation, folds, library)}\n")
+        report(experiment, [case for fold in folds for case in measured(fold, options.noise)], options.noise)
+
+
+def report(experiment: Experiment, cases: Sequence[Case], levels: Sequence[float]) -> None:
+    """All tables of what intervals hold."""
     print(f"{len(cases)} cases of {len(experiment.materials)} materials, in per cent\n\n{scores(cases)}")
     print(f"\n{halves(cases)}")
-    for level in options.noise:
+    for level in levels:
         some = [case for case in cases if case.noise == level]
         print(f"\n{level:g} % pixel noise: 90 % intervals hold {100 * coverage(some, Z_90):.1f}")
     for key in ("observed", "novel", "material"):

@@ -21,7 +21,7 @@ from tqdm import tqdm
 import torchbrdf as tb
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation import Penalty
-from torchbrdf.experiments import Experiment, default_probes, markdown_table, open_probes, read_targets
+from torchbrdf.experiments import Experiment, default_probes, described, markdown_table, open_probes, read_targets
 from torchbrdf.files import writing
 
 MOST = 4
@@ -79,15 +79,17 @@ def draw(path: Path, found: dict[tuple[str, int], list[float]], floor: float) ->
 def run(options: argparse.Namespace) -> None:
     library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
     experiment = Experiment.of(library, open_probes(default_probes()), read_targets(options.targets))
-    folds = experiment.folds("family")
-    found: dict[tuple[str, int], list[float]] = {}
-    for fold in folds:
-        for key, some in errors(fold, options.noise).items():
-            found.setdefault(key, []).extend(some)
-    floor = statistics.mean(case.novel_error for fold in folds for case in fold.floor())
-    print(f"{options.noise:g} % pixel noise, floor {100 * floor:.2f}\n\n{table(found)}")
-    if options.figure is not None:
-        draw(options.figure, found, floor)
+    for relation in experiment.relations:
+        folds = experiment.folds(relation)
+        found: dict[tuple[str, int], list[float]] = {}
+        for fold in folds:
+            for key, some in errors(fold, options.noise).items():
+                found.setdefault(key, []).extend(some)
+        floor = statistics.mean(case.novel_error for fold in folds for case in fold.floor())
+        title = f"{options.noise:g} % pixel noise, {described(relation, folds, library)}, floor {100 * floor:.2f}"
+        print(f"{title}\n\n{table(found)}\n")
+        if options.figure is not None and relation == "family":
+            draw(options.figure, found, floor)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,7 +6,15 @@ import pytest
 import torch
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.experiments import BASELINES, Experiment, Target, family, relatives, without_relatives
+from torchbrdf.experiments import (
+    BASELINES,
+    Experiment,
+    Target,
+    described,
+    family,
+    relatives,
+    without_relatives,
+)
 from torchbrdf.light import LightProbe
 
 NAMES = ("cc_green", "cc_blue", "chm_orange", "blue-felt", "plastic")
@@ -71,6 +79,14 @@ def test_folds_hold_no_relative_and_every_target_once(experiment: Experiment) ->
     assert [fold.library.names for fold in experiment.folds("material")] == [
         ("cc_blue", *NAMES[2:]), NAMES, NAMES[:4]
     ]  # fmt: skip
+
+
+def test_both_errors_are_told_where_they_differ(experiment: Experiment) -> None:
+    assert experiment.relations == ("family", "material")
+    alone = experiment.folds("family")[2]
+    assert alone.relations == ("family",)
+    titles = [described("family", one.folds("family"), experiment.library) for one in (experiment, alone)]
+    assert titles == ["each without its family", "of no family that the library holds"]
 
 
 def test_errors_of_a_fold_are_those_of_the_smaller_library(experiment: Experiment) -> None:

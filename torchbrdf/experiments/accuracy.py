@@ -14,7 +14,7 @@ from tqdm import tqdm
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, MaterialClasses
 from torchbrdf.experiments.accuracy_cases import FLOOR, Case
-from torchbrdf.experiments.families import Relation, relatives
+from torchbrdf.experiments.families import RELATIONS, Relation, relatives
 from torchbrdf.experiments.scenes import Scene, noisy_observations
 from torchbrdf.experiments.targets import Target
 from torchbrdf.images import relative_rms
@@ -86,6 +86,12 @@ def parse_value(text: str) -> Any:
         return text
 
 
+def described(relation: Relation, folds: Sequence["Experiment"], library: MaterialLibrary) -> str:
+    """For the title of what folds of an experiment with a library have."""
+    fewest = min(len(fold.library) for fold in folds)
+    return f"each without its {relation}" if fewest < len(library) else "of no family that the library holds"
+
+
 @dataclass(frozen=True)
 class Experiment:
     """Targets of some materials under some probes, and the basis images under these.
@@ -152,6 +158,12 @@ class Experiment:
             bases = {name: basis.without(*dropped) for name, basis in self.bases.items()}
             found.append(replace(self, library=self.library.without(*dropped), targets=targets, bases=bases))
         return found
+
+    @property
+    def relations(self) -> tuple[Relation, ...]:
+        """The kinds of leaving out that make a difference, the family first: what is to be told of each error."""
+        left = [[fold.library.names for fold in self.folds(relation)] for relation in RELATIONS]
+        return RELATIONS if left[0] != left[1] else RELATIONS[:1]
 
     def _check_unknown(self) -> None:
         for material in self.materials:
