@@ -135,7 +135,7 @@ def run(options: argparse.Namespace) -> None:
         folds = experiment.folds(relation)
         floor = [case for fold in folds for case in fold.floor()]
         cases = [case for fold in folds for case in fold.cases(settings, options.noise, options.observe)]
-        rows += [{"left_out": relation, **asdict(case)} for case in [*cases, *floor]]
+        rows += [asdict(case) | {"left_out": relation} for case in [*cases, *floor]]
         left_out = described(relation, folds, library)
         for level in options.noise:
             title = f"{level:g} % pixel noise, {left_out}"

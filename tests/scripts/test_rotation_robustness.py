@@ -79,11 +79,9 @@ def capture(methods: ModuleType, tiny_library: tb.MaterialLibrary, lit):
     shiny = torch.arange(tiny_library.n) // 15
     left_out = []
     for name in NAMES:
-        position = tiny_library.position(name)
-        kept = torch.arange(tiny_library.n) // 3 != position
-        left_out.append(
-            methods.LeftOut(name, position, methods.partition(tiny_library.without(name), shiny[kept], 2))
-        )
+        position, less = tiny_library.position(name), tiny_library.without(name)
+        kept = torch.nonzero(torch.arange(tiny_library.n) // 3 != position).ravel()
+        left_out.append(methods.LeftOut(name, position, less, kept, methods.partition(less, shiny[kept], 2)))
     clean = torch.stack([lit.basis.pack(lit.basis.image(name)).double() for name in NAMES])
     grain = 1 + 0.1 * torch.rand(len(NAMES), 2, *clean.shape[1:], generator=torch.Generator().manual_seed(1)).double()
     return methods.Capture(None, None, lit, clean[:, None] * grain, left_out)
@@ -339,10 +337,10 @@ class TestClasses:
 
     def test_facts_of_the_fits(self, script: ModuleType, tiny_library: tb.MaterialLibrary) -> None:
         whole, usual = "000111" * 5, "000000111111" * 2 + "000000"
-        red = tiny_library.position("red")
+        one, other = (script.without(labels, tiny_library, "red") for labels in (usual, whole))
         labels = {
-            (4, 4): {None: usual, "red": script.without(usual, red)},
-            (2, 4): {None: whole, "red": script.without(whole, red).translate({48: "1", 49: "0"})},
+            (4, 4): {None: usual, "red": one},
+            (2, 4): {None: whole, "red": other.translate({48: "1", 49: "0"})},
         }
         facts, meanings = script.mixture_facts(labels, tiny_library)
         assert facts[2, 4].sizes == [15, 15]

@@ -13,8 +13,6 @@ from .accuracy_cases import (
     summary_table as summary_table,
 )
 from .families import (
-    RELATIONS as RELATIONS,
-    Relation as Relation,
     family as family,
     relatives as relatives,
     without_relatives as without_relatives,
