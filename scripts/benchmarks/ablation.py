@@ -31,13 +31,13 @@ from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation import ImageSpace, Penalty, image_space, residual_scale
 from torchbrdf.estimation.priors import Explanation, PriorBank, bank, neighbourhoods, prior_variances, whole_library
 from torchbrdf.experiments import (
+    by_relatives,
     check_document,
     default_probes,
     markdown_table,
     noisy_observations,
     open_probes,
     read_targets,
-    relatives,
     replace_results,
 )
 from torchbrdf.images import relative_rms
@@ -223,10 +223,8 @@ class Photographs:
     def errors(self, variation: Variation, level: float) -> list[float]:
         """Novel-light errors of all cases."""
         found = []
-        groups: dict[tuple[str, ...], list[int]] = {}
-        for i, material in enumerate(self.materials):
-            groups.setdefault(relatives(material, self.library.names), []).append(i)
-        for dropped, rows in groups.items():
+        for dropped, materials in by_relatives(self.materials, self.library.names).items():
+            rows = [self.materials.index(material) for material in materials]
             classes = self.classes(self.library.without(*dropped), 1 if variation.one_class else K)
             for probe, basis in self.bases.items():
                 y = torch.cat(

@@ -13,6 +13,7 @@ from .accuracy_cases import (
     summary_table as summary_table,
 )
 from .families import (
+    by_relatives as by_relatives,
     family as family,
     relatives as relatives,
     without_relatives as without_relatives,

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation import DEFAULT_PENALTY, BRDFEstimator, MaterialClasses
 from torchbrdf.experiments.accuracy_cases import FLOOR, Case
-from torchbrdf.experiments.families import RELATIONS, Relation, relatives
+from torchbrdf.experiments.families import RELATIONS, Relation, by_relatives, relatives
 from torchbrdf.experiments.scenes import Scene, noisy_observations
 from torchbrdf.experiments.targets import Target
 from torchbrdf.images import relative_rms
@@ -149,11 +149,8 @@ class Experiment:
 
     def folds(self, relation: Relation) -> list["Experiment"]:
         """Experiments of those targets that have the same relatives in the library, which does not hold these."""
-        groups: dict[tuple[str, ...], list[str]] = {}
-        for material in self.materials:
-            groups.setdefault(relatives(material, self.library.names, relation), []).append(material)
         found = []
-        for dropped, materials in groups.items():
+        for dropped, materials in by_relatives(self.materials, self.library.names, relation).items():
             targets = {name: {one: some[one] for one in materials} for name, some in self.targets.items()}
             bases = {name: basis.without(*dropped) for name, basis in self.bases.items()}
             found.append(replace(self, library=self.library.without(*dropped), targets=targets, bases=bases))

@@ -30,6 +30,16 @@ def relatives(material: str, names: Sequence[str], relation: Relation = "family"
     return tuple(name for name in names if key(name) == key(material))
 
 
+def by_relatives(
+    materials: Sequence[str], names: Sequence[str], relation: Relation = "family"
+) -> dict[tuple[str, ...], list[str]]:
+    """Materials by which of `names` are their `relatives`: those of a group are recovered from the same library."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for material in materials:
+        groups.setdefault(relatives(material, names, relation), []).append(material)
+    return groups
+
+
 @lru_cache(maxsize=32)
 def without_relatives(library: MaterialLibrary, material: str) -> MaterialLibrary:
     """The library less the family of a material; the same object for the same family, and itself where it has none."""
