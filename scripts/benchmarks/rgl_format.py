@@ -3,7 +3,9 @@
 
     python scripts/benchmarks/rgl_format.py ../shared/data/rgl ../shared/data/rgl_more
 
-Spheres of 32 x 32 pixels under four probes: Mitsuba's `measured` of the original beside `tb.render` of its table, and
+A table has one value for each pair of directions, a file two, one from either side: how far they are apart is told
+first, and the first comparison cannot be closer than that. Spheres of 32 x 32 pixels under four probes: Mitsuba's
+`measured` of the original beside `tb.render` of its table, and
 `measured` of the file written of the table beside our plugin `merl`. Relative RMS in percent; the Monte Carlo noise of
 the references is told by two halves of their samples and taken off in squares. Negative radiance of the original, of
 colours outside Rec. 709, counts as 0, as in a photograph.
@@ -14,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from math import cos, pi, radians
 from pathlib import Path
 
 import torch
@@ -21,19 +24,51 @@ from torch import Tensor
 
 import torchbrdf as tb
 from speed.rows import publish
-from torchbrdf.brdf import METRIC_NAMES, RGL_SUFFIX, cell_difference
+from torchbrdf.brdf import (
+    GRID,
+    METRIC_NAMES,
+    RGL_SUFFIX,
+    above_horizon,
+    cell_centres,
+    cell_difference,
+    from_half_difference,
+)
+from torchbrdf.brdf.metrics import cell_measure
+from torchbrdf.brdf.rgl import RGLMaterial
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.images import relative_rms
 from torchbrdf.mitsuba_backend import HalfRenderings, MitsubaScene
 
 PROBES = ("grace.hdr", "uffizi.hdr", "ennis.hdr", "apartment.exr")
 SIZE = 32
+EVERY = 20
+"""Cells, of which one is looked at from both sides."""
 
 
 def rest(image: Tensor, reference: HalfRenderings, mask: Tensor, noise: float) -> float:
     """Percent of the difference that is no noise."""
     difference = relative_rms(image.clamp_min(0), reference.image.clamp_min(0), mask)
     return 100 * max(0.0, difference**2 - noise**2) ** 0.5
+
+
+def apart(material: RGLMaterial) -> float:
+    """Percent by which f_r cos(theta_i) cos(theta_o) measured from either side is from its mean, over all cells.
+
+    Relative RMS over the cells that were measured from both sides, both directions at most 80 degrees from the normal.
+    """
+    lit = above_horizon()
+    theta_h, theta_d, phi_d = (angle.expand(GRID)[lit][::EVERY] for angle in cell_centres(torch.float32))
+    ways = []
+    for turned in (phi_d, phi_d + pi):
+        w_i, w_o = from_half_difference(theta_h, theta_d, turned)
+        theta_i, azimuth = torch.acos(w_i[..., 2].clamp(-1, 1)), -torch.atan2(w_i[..., 1], w_i[..., 0])
+        found, measured = material.cos_weighted(theta_i, theta_h, azimuth)
+        ways.append((found.clamp_min(0) * w_i[..., 2:], measured, w_o[..., 2]))
+    (one, some, high), (other, others, low) = ways
+    both = (some >= 0.5) & (others >= 0.5) & (torch.minimum(high, low) > cos(radians(80)))
+    one, other, weight = one[both], other[both], cell_measure()[lit][::EVERY][both, None]
+    squares = [((one + sign * other).square() * weight).sum() for sign in (-1, 1)]
+    return 100 * float((squares[0] / squares[1]).sqrt())
 
 
 def line(path: Path, probes: Sequence[tb.LightProbe], samples: int, folder: Path) -> str:
@@ -46,7 +81,11 @@ def line(path: Path, probes: Sequence[tb.LightProbe], samples: int, folder: Path
     table.save(written)
     wrote = time.perf_counter() - start
     back = tb.read_table(written)
-    cells = [f"{path.stem.removesuffix('_rgb')} | {100 * table.measured_share:.1f}"]
+    cells = [
+        path.stem.removesuffix("_rgb"),
+        f"{100 * table.measured_share:.1f}",
+        f"{apart(RGLMaterial.open(path)):.0f}",
+    ]
     for probe in probes:
         original, again = (
             MitsubaScene(view, probe, {"type": "measured", "filename": str(file)}).render_halves(samples, seed)
@@ -64,7 +103,7 @@ def lines(options: argparse.Namespace) -> Iterator[str]:
     """The table, row by row."""
     probes = [tb.LightProbe.open(options.probes / name) for name in PROBES]
     errors = f"there and back: {', '.join(METRIC_NAMES)}, %"
-    heads = ["material", "measured cells, %", *PROBES, errors, "read, write, s"]
+    heads = ["material", "measured cells, %", "sides apart, %", *PROBES, errors, "read, write, s"]
     yield f"| {' | '.join(heads)} |"
     yield "|---|" + "---:|" * (len(heads) - 1)
     with tempfile.TemporaryDirectory() as folder:
