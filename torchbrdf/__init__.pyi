@@ -5,7 +5,7 @@ from .analytic import (
     fit_analytic_batch as fit_analytic_batch,
     fit_analytic_to_image as fit_analytic_to_image,
 )
-from .brdf import MaterialLibrary as MaterialLibrary, MerlTable as MerlTable
+from .brdf import MaterialLibrary as MaterialLibrary, MerlTable as MerlTable, read_table as read_table
 from .camera import Ball as Ball, PinholeCamera as PinholeCamera
 from .estimation import (
     BRDFEstimator as BRDFEstimator,

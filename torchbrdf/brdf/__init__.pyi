@@ -14,19 +14,18 @@ from .library_cache import (
     StoredColumns as StoredColumns,
     columns_of as columns_of,
 )
-from .merl import (
-    GRID as GRID,
-    N_CELLS as N_CELLS,
-    MerlTable as MerlTable,
-    above_horizon as above_horizon,
-    cell_centres as cell_centres,
-    cell_index as cell_index,
-    nearest_measured as nearest_measured,
-)
+from .merl import MerlTable as MerlTable, nearest_measured as nearest_measured
 from .merl_directory import (
     MERL_MATERIALS as MERL_MATERIALS,
     table_paths as table_paths,
     verify as verify,
+)
+from .merl_grid import (
+    GRID as GRID,
+    N_CELLS as N_CELLS,
+    above_horizon as above_horizon,
+    cell_centres as cell_centres,
+    cell_index as cell_index,
 )
 from .metrics import (
     METRICS as METRICS,
@@ -37,5 +36,6 @@ from .norms import (
     column_norms as column_norms,
     norm_settings as norm_settings,
 )
-from .settings import METRIC_NAMES as METRIC_NAMES
+from .settings import METRIC_NAMES as METRIC_NAMES, RGL_SUFFIX as RGL_SUFFIX
+from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture

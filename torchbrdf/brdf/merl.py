@@ -5,6 +5,7 @@ warped by a square root. phi_d covers [0, pi): reciprocity is phi_d -> phi_d + p
 """
 
 import os
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -17,12 +18,11 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference, half_difference
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon, cell_centres, cell_index, grid_coordinates
+from torchbrdf.brdf.rgl import RGLMaterial
+from torchbrdf.brdf.rgl_table import tabulate
 from torchbrdf.files import existing_file, writing
 
-GRID = (90, 90, 180)
-"""Cells in theta_h, theta_d and phi_d, in file order (phi_d fastest)."""
-
-N_CELLS = GRID[0] * GRID[1] * GRID[2]
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
 """A MERL file stores f_r / CHANNEL_SCALE for R, G and B."""
 
@@ -37,38 +37,6 @@ _HEADER_BYTES = 12
 FILE_BYTES = _HEADER_BYTES + 3 * N_CELLS * 8
 _FULL_GRID = (*GRID[:2], 2 * GRID[2])
 Interpolation = Literal["nearest", "linear"]
-
-
-def cell_centres(dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor, Tensor]:
-    """theta_h (90, 1, 1), theta_d (90, 1), phi_d (180,) in radians at the centres of the cells."""
-    theta_h = ((torch.arange(GRID[0], dtype=dtype) + 0.5) / GRID[0]) ** 2 * (pi / 2)
-    theta_d = (torch.arange(GRID[1], dtype=dtype) + 0.5) / GRID[1] * (pi / 2)
-    phi_d = (torch.arange(GRID[2], dtype=dtype) + 0.5) / GRID[2] * pi
-    return theta_h[:, None, None], theta_d[:, None], phi_d
-
-
-@lru_cache(maxsize=1)
-def above_horizon() -> Tensor:
-    """(90, 90, 180) bool: cells at whose centre both directions lie above the horizon (75 % of them)."""
-    theta_h, theta_d, phi_d = cell_centres()
-    tilt = torch.sin(theta_d) * torch.cos(phi_d) * torch.sin(theta_h)
-    return tilt.abs() < torch.cos(theta_d) * torch.cos(theta_h)  # z of w_i and w_o is the right side -+ the tilt
-
-
-def grid_coordinates(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Angles as coordinates in units of cells: cell i covers [i, i + 1). phi_d is reduced modulo pi."""
-    return (
-        torch.sqrt(theta_h * (2 / pi)) * GRID[0],
-        theta_d * (GRID[1] * 2 / pi),
-        torch.remainder(phi_d, pi) * (GRID[2] / pi),
-    )
-
-
-def cell_index(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> Tensor:
-    """Flat index, int32, of the cell that holds each angle triple, in file order."""
-    coordinates = zip(grid_coordinates(theta_h, theta_d, phi_d), GRID, strict=True)
-    h, d, p = (c.to(torch.int32).clamp_(0, n - 1) for c, n in coordinates)
-    return (h * GRID[1] + d) * GRID[2] + p
 
 
 @lru_cache(maxsize=4)
@@ -156,6 +124,34 @@ class MerlTable:
         except ValueError as error:
             problem = str(error).removeprefix(f"{path.stem}: ")
             raise ValueError(f"{path}: {problem}; the file is damaged: download or convert it again") from None
+
+    @classmethod
+    def from_bsdf(cls, path: str | os.PathLike[str], isotropic: bool = False) -> "MerlTable":
+        """Tabulate a measured material of the RGL database, a `.bsdf` file, RGB or spectral [DJ18].
+
+        isotropic  take the mean over all azimuths of a material that is not
+        Cells that the database did not measure are not valid. Colours outside Rec. 709 have their negative channels set
+        to 0; warns where that, or the mean over azimuths, changes the material by more than 1 %. Raises as
+        `RGLMaterial.open`, and ValueError for an anisotropic material.
+        """
+        material = RGLMaterial.open(path)
+        if not (isotropic or material.isotropic):
+            raise ValueError(
+                f"{path}: anisotropic, measured for {len(material.phi_i)} azimuths, and a MERL table has none: "
+                "pass isotropic=True (--isotropic) for its mean over them"
+            )
+        found = tabulate(material)
+        if found.clipped > 0.01:
+            warnings.warn(
+                f"{path}: {found.negative:.0%} of its cells have colours outside Rec. 709, whose negative channels are "
+                f"set to 0, which changes it by {found.clipped:.1%}",
+                UserWarning,
+                stacklevel=2,
+            )
+        if found.spread > 0.01:
+            message = f"{path}: anisotropic; its mean over all azimuths differs from it by {found.spread:.1%}"
+            warnings.warn(message, UserWarning, stacklevel=2)
+        return cls(found.values, found.valid, material.name)
 
     @classmethod
     def of_filled(cls, values: Tensor, valid: Tensor, name: str = "unnamed") -> "MerlTable":
