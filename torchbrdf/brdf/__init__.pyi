@@ -1,4 +1,4 @@
-from .column_sources import ROW_CELLS as ROW_CELLS
+from .column_sources import ROW_CELLS as ROW_CELLS, columns_of as columns_of
 from .difference import (
     BRDFDifference as BRDFDifference,
     cell_difference as cell_difference,
@@ -10,13 +10,11 @@ from .directions import (
 )
 from .gram import lower_gram as lower_gram
 from .library import MaterialLibrary as MaterialLibrary
-from .library_cache import (
-    StoredColumns as StoredColumns,
-    columns_of as columns_of,
-)
+from .library_cache import StoredColumns as StoredColumns
 from .merl import MerlTable as MerlTable, nearest_measured as nearest_measured
 from .merl_directory import (
     MERL_MATERIALS as MERL_MATERIALS,
+    RESULT as RESULT,
     table_paths as table_paths,
     verify as verify,
 )

@@ -2,9 +2,11 @@
 
 import hashlib
 import os
+import tempfile
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Protocol
+from pathlib import Path
+from typing import IO, Protocol
 
 import numpy as np
 import torch
@@ -12,10 +14,24 @@ from torch import Tensor
 
 from torchbrdf.brdf.lobes import MODEL_VERSION, expand_row, load_default_parameters
 from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, cell_centres, read_planes
-from torchbrdf.brdf.merl_directory import table_paths
+from torchbrdf.brdf.tables import read_table
+from torchbrdf.files import cache_folder
 
 ROW_CELLS = GRID[1] * GRID[2]
 """Cells of one theta_h row of the grid."""
+
+_MERL_SUFFIX = ".binary"
+"""Of files whose rows are read where they lie."""
+
+
+def columns_of(materials: Sequence[int]) -> Tensor:
+    """(3 len(materials),) int64: the R, G and B columns of materials, given by their positions."""
+    return (3 * torch.tensor(materials, dtype=torch.int64)[:, None] + torch.arange(3)).ravel()
+
+
+def shared_cells(valid: Tensor) -> Tensor:
+    """(N_CELLS,) bool: measured in all of some materials, of packed bits (m, N_CELLS / 8)."""
+    return torch.from_numpy(np.unpackbits(np.bitwise_and.reduce(valid.numpy(), axis=0)).view(bool))
 
 
 class ColumnSource(Protocol):
@@ -28,6 +44,11 @@ class ColumnSource(Protocol):
         """Changes whenever the columns may have changed; costs no reading of the columns."""
         ...
 
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """One a material, whatever its name: changes whenever its columns may have changed; costs no reading of the columns."""
+        ...
+
     def scan(self, material: int) -> tuple[Tensor, Tensor]:
         """The largest f_r of each channel (3,) and the measured cells (N_CELLS,) bool of one material."""
         ...
@@ -36,15 +57,19 @@ class ColumnSource(Protocol):
         """(ROW_CELLS, n) float32 or float64: row i of all columns; unmeasured cells hold anything finite."""
         ...
 
+    def subset(self, materials: Sequence[int]) -> "ColumnSource":
+        """Some of the materials."""
+        ...
+
 
 class MerlSource:
-    """A directory of MERL tables; `folder` is where they lie, perhaps one folder down."""
+    """Tables in files; those that are not MERL's own half of the grid are converted to a temporary file when scanned."""
 
-    def __init__(self, directory: str | os.PathLike[str]) -> None:
-        """Find the files; raises as `table_paths`."""
-        self.paths = table_paths(directory)
-        self.folder = self.paths[0].parent
-        self.names = tuple(path.stem for path in self.paths)
+    def __init__(self, paths: Sequence[Path], names: Sequence[str]) -> None:
+        """Keep the paths, which are sound or not: `scan` tells."""
+        self.paths, self.names = list(paths), tuple(names)
+        self._converted: dict[int, int] = {}
+        self._spool: IO[bytes] | None = None
 
     @property
     def stamp(self) -> str:
@@ -52,15 +77,62 @@ class MerlSource:
         states = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in self.paths]
         return hashlib.sha256(repr(states).encode()).hexdigest()
 
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """Where each file lies, its size and modification time."""
+        states = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in self.paths]
+        return tuple(hashlib.sha256(repr(state).encode()).hexdigest() for state in states)
+
     def scan(self, material: int) -> tuple[Tensor, Tensor]:
-        """Validates the file: see MerlTable.open."""
-        table = MerlTable.open(self.paths[material])
+        """Validates the file: see `read_table`."""
+        path = self.paths[material]
+        table = read_table(path)
+        if path.suffix.lower() != _MERL_SUFFIX:
+            self._spool = self._spool or tempfile.TemporaryFile(dir=cache_folder())
+            self._converted[material] = self._spool.seek(0, os.SEEK_END)
+            table.values.float().contiguous().numpy().tofile(self._spool)
+            self._spool.flush()
         return _extent(table)
 
     def row(self, i: int) -> Tensor:
         """Read with plain file access: memory-mapping 100 tables would count as 3.5 GB of resident memory."""
-        planes = [read_planes(path, i * ROW_CELLS, ROW_CELLS) for path in self.paths]
-        return torch.from_numpy(np.concatenate(planes).T * np.tile(CHANNEL_SCALE, len(self.paths)))
+        row = np.empty((ROW_CELLS, 3 * len(self.paths)))
+        for material, path in enumerate(self.paths):
+            columns = row[:, 3 * material : 3 * material + 3]
+            if material in self._converted and self._spool is not None:
+                self._spool.seek(self._converted[material] + 12 * i * ROW_CELLS)
+                columns[:] = np.fromfile(self._spool, "<f4", 3 * ROW_CELLS).reshape(ROW_CELLS, 3)
+            else:
+                np.multiply(read_planes(path, i * ROW_CELLS, ROW_CELLS).T, CHANNEL_SCALE, out=columns)
+        return torch.from_numpy(row)
+
+    def subset(self, materials: Sequence[int]) -> "MerlSource":
+        """See ColumnSource."""
+        return MerlSource([self.paths[i] for i in materials], [self.names[i] for i in materials])
+
+
+class StampedSource:
+    """Materials under given names and stamps, of which a source has those that no cache does."""
+
+    def __init__(self, names: tuple[str, ...], stamps: tuple[str, ...], source: MerlSource) -> None:
+        """Those of the source are known by their names."""
+        self.names, self.stamps, self.source = names, stamps, source
+        self.stamp = hashlib.sha256(repr((names, stamps)).encode()).hexdigest()
+
+    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+        """See ColumnSource."""
+        return self.source.scan(material)
+
+    def row(self, i: int) -> Tensor:
+        """See ColumnSource."""
+        return self.source.row(i)
+
+    def subset(self, materials: Sequence[int]) -> MerlSource:
+        """See ColumnSource. Raises ValueError where it asks for what lay in a cache that is gone."""
+        places = [self.source.names.index(self.names[i]) for i in materials if self.names[i] in self.source.names]
+        if len(places) < len(materials):
+            raise ValueError("a library that was to be taken from the cache is no longer there; open it again")
+        return self.source.subset(places)
 
 
 class TableSource:
@@ -74,10 +146,16 @@ class TableSource:
     @property
     def stamp(self) -> str:
         """Names and values."""
-        digest = hashlib.sha256(repr(self.names).encode())
-        for table in self.tables:
-            digest.update(table.values.contiguous().numpy().tobytes())
-        return digest.hexdigest()
+        return hashlib.sha256(repr((self.names, self.stamps)).encode()).hexdigest()
+
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """Of the values."""
+        return tuple(hashlib.sha256(table.values.contiguous().numpy()).hexdigest() for table in self.tables)
+
+    def subset(self, materials: Sequence[int]) -> "TableSource":
+        """See ColumnSource."""
+        return TableSource([self.tables[i] for i in materials])
 
     def scan(self, material: int) -> tuple[Tensor, Tensor]:
         """See ColumnSource."""
@@ -106,6 +184,20 @@ class ParameterSource:
         for key, value in sorted(self.parameters.items()):
             digest.update(key.encode() + value.contiguous().numpy().tobytes())
         return digest.hexdigest()
+
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """The version, and where among the parameters."""
+        stamp = self.stamp
+        return tuple(f"{stamp} {i}" for i in range(len(self.names)))
+
+    def subset(self, materials: Sequence[int]) -> "ParameterSource":
+        """See ColumnSource."""
+        some = ParameterSource()
+        columns = [3 * i + c for i in materials for c in range(3)]
+        some.names = tuple(self.names[i] for i in materials)
+        some.parameters = {key: value[columns] for key, value in self.parameters.items()}
+        return some
 
     @cached_property
     def _peaks(self) -> Tensor:

@@ -2,21 +2,33 @@
 
 import hashlib
 import os
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf._combination import combined
-from torchbrdf.brdf.column_sources import ROW_CELLS, MerlSource, ParameterSource, TableSource
-from torchbrdf.brdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
+from torchbrdf.brdf.column_sources import (
+    ROW_CELLS,
+    MerlSource,
+    ParameterSource,
+    StampedSource,
+    TableSource,
+    columns_of,
+)
+from torchbrdf.brdf.library_cache import MIXTURE, StoredColumns, build_in_memory, open_or_build
+from torchbrdf.brdf.members import EMBEDDED, library_members
 from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
+from torchbrdf.brdf.merl_directory import table_paths
+from torchbrdf.brdf.sameness import same_measurements
 from torchbrdf.files import cache_folder
 
 MIN_MATERIALS = 8
-"""The fewest materials `from_merl` accepts: fewer span no space of BRDFs."""
+"""The fewest materials `from_merl` and `from_files` accept: fewer span no space of BRDFs."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,16 +54,87 @@ class MaterialLibrary:
 
         Raises OSError or ValueError where the directory holds no materials or an unsound one.
         """
-        source = MerlSource(directory)
-        if len(source.names) < MIN_MATERIALS:
-            raise ValueError(
-                f"{source.folder}: a library needs at least {MIN_MATERIALS} materials, found {len(source.names)}; "
-                "add MERL *.binary files"
-            )
-        resolved = source.folder.resolve()
+        paths = table_paths(directory)
+        folder = paths[0].parent
+        _check_enough(len(paths), str(folder), "add MERL *.binary files")
+        resolved = folder.resolve()
         key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
-        folder = cache_folder() / "libraries" / f"{resolved.name}-{key}"
-        return cls._whole(open_or_build(source, folder, progress))
+        source = MerlSource(paths, [path.stem for path in paths])
+        return cls._whole(open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress))
+
+    @classmethod
+    def from_files(cls, sources: Sequence[str | os.PathLike[str]], progress: bool = True) -> "MaterialLibrary":
+        """Measured tables of folders and files, of any format that is read, and "default", the embedded library.
+
+        Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, and after as many
+        folders before as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, cached as
+        those of `from_merl`, with what other caches hold of them already. Warns of tables that are one measurement.
+        Raises OSError or ValueError as `library_members`, and where a table is unsound.
+        """
+        if len(sources) == 1:
+            (only,) = sources
+            if str(only) == EMBEDDED:
+                return cls.default(progress)
+            if Path(only).is_dir() and not any(member.name != member.path.stem for member in library_members(sources)):
+                return cls.from_merl(only, progress)._checked()
+        known = [cls.default(progress).stored] if EMBEDDED in map(str, sources) else []
+        embedded = known[0].names if known else ()
+        members = library_members(sources, embedded)
+        _check_enough(len(members), ", ".join(map(str, sources)), 'name more files or folders, or "default" too')
+        files = [member for member in members if member.path is not None]
+        source = MerlSource([member.path for member in files], [member.name for member in files])
+        stamps = dict(zip((member.name for member in files), source.stamps, strict=True))
+        held = iter(known[0].stamps if known else ())
+        mixed = StampedSource(
+            tuple(member.name for member in members),
+            tuple(stamps[member.name] if member.path is not None else next(held) for member in members),
+            source,
+        )
+        places = [str(member.path.resolve()) if member.path else member.name for member in members]
+        return cls._mixture(mixed, places, progress, known)._checked()
+
+    @classmethod
+    def _mixture(
+        cls, source: StampedSource, places: Sequence[str], progress: bool, known: Sequence[StoredColumns]
+    ) -> "MaterialLibrary":
+        key = hashlib.sha256(repr(sorted(places)).encode()).hexdigest()[:12]
+        folder = cache_folder() / "libraries" / f"{MIXTURE}{key}"
+        stored = open_or_build(source, folder, progress, known)
+        return cls._whole(stored)
+
+    def __add__(self, other: "MaterialLibrary") -> "MaterialLibrary":
+        """The materials of both, whose names must differ; in the cache where both are.
+
+        Columns are copied, not computed anew.
+        """
+        if not isinstance(other, MaterialLibrary):
+            return NotImplemented
+        twice = sorted(set(self.names) & set(other.names))
+        if twice:
+            raise ValueError(
+                f"both libraries have {', '.join(twice[:3])}{', ...' if len(twice) > 3 else ''}; take them out of one "
+                "with without(...), or open the files together: MaterialLibrary.from_files keeps names apart"
+            )
+        known = [replace(part.stored, stamps=part._stamps_of_all) for part in (self, other)]
+        stamps = tuple(
+            one.stamps[i] for one, part in zip(known, (self, other), strict=True) for i in part.materials
+        )
+        source = StampedSource(self.names + other.names, stamps, MerlSource([], []))
+        if self.stored.mapping is None or other.stored.mapping is None:
+            return self._whole(build_in_memory(source, known))
+        return self._mixture(source, [*stamps, *source.names], False, known)
+
+    @property
+    def _stamps_of_all(self) -> tuple[str, ...]:
+        stored = self.stored
+        return stored.stamps or tuple(f"{stored.fingerprint} {i}" for i in range(len(stored.names)))
+
+    def _checked(self) -> "MaterialLibrary":
+        """Itself; warns of tables that are one measurement."""
+        for one, two in same_measurements(self):
+            text = f"{one} and {two} are one measurement; a library is better without one: rename or remove a file"
+            warnings.warn(text, UserWarning, stacklevel=3)
+        return self
 
     @classmethod
     def from_tables(cls, tables: Sequence[MerlTable]) -> "MaterialLibrary":
@@ -192,6 +275,11 @@ class MaterialLibrary:
 def _unpacked(bits: Tensor) -> Tensor:
     """(90, 90, 180) bool of packed bits."""
     return torch.from_numpy(np.unpackbits(bits.numpy()).view(bool)).reshape(GRID)
+
+
+def _check_enough(count: int, where: str, remedy: str) -> None:
+    if count < MIN_MATERIALS:
+        raise ValueError(f"{where}: a library needs at least {MIN_MATERIALS} materials, found {count}; {remedy}")
 
 
 def _check_different(names: Sequence[str]) -> None:

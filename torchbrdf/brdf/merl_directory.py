@@ -7,7 +7,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.brdf.settings import RGL_SUFFIX
+from torchbrdf.brdf.tables import read_table
 
 MERL_MATERIALS = tuple(
     """
@@ -31,8 +32,11 @@ MERL_MATERIALS = tuple(
 """The 100 materials of the MERL database, as their files are named."""
 
 
-TABLE_SUFFIXES = (".binary", ".fullbin")
-"""Of MERL tables, in lower case; the header of each tells what it is."""
+TABLE_SUFFIXES = (".binary", ".fullbin", RGL_SUFFIX)
+"""Of measured tables, in lower case; the header of each tells what it is."""
+
+RESULT = "brdf.binary"
+"""The table in a folder that `torchbrdf fit` writes."""
 
 _MOST_KINDS = 4
 
@@ -48,7 +52,7 @@ class DirectoryReport:
 
 
 def table_paths(directory: str | os.PathLike[str]) -> list[Path]:
-    """The tables of a directory, sorted by name: its `.binary` and `.fullbin` files, in capitals or not.
+    """The tables of a directory, sorted by name: its `.binary`, `.fullbin` and `.bsdf` files, in capitals or not.
 
     Where it has none, those of the one folder in it that has. Names that begin with a dot are of no table: macOS leaves
     such a file beside each. Raises FileNotFoundError or NotADirectoryError; ValueError where there is no table, several
@@ -104,7 +108,7 @@ def verify(directory: str | os.PathLike[str], progress: bool = False) -> Directo
     paths = table_paths(directory)
     for path in tqdm(paths, desc="reading", disable=not progress, leave=False):
         try:
-            MerlTable.open(path)
+            read_table(path)
             sound.append(path.stem)
         except (OSError, ValueError) as error:
             unsound[path.stem] = str(error)

@@ -140,7 +140,11 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
 
 def add_library(parser: argparse.ArgumentParser) -> None:
     """`--library`."""
-    parser.add_argument("--library", type=Path, help="folder of MERL *.binary files; default: the embedded library")
+    text = (
+        "folders and files of measured tables (.binary, .bsdf), folders that fit wrote, and default for the embedded "
+        "library, which it is without this option"
+    )
+    parser.add_argument("--library", nargs="+", action="extend", metavar="PATH", help=text)
 
 
 def add_shape(parser: argparse.ArgumentParser) -> None:
