@@ -1,3 +1,4 @@
+from ._reused_columns import Part as Part
 from .column_sources import ROW_CELLS as ROW_CELLS, columns_of as columns_of
 from .difference import (
     BRDFDifference as BRDFDifference,
@@ -25,6 +26,11 @@ from .merl_grid import (
     cell_centres as cell_centres,
     cell_index as cell_index,
 )
+from .members import (
+    EMBEDDED as EMBEDDED,
+    Member as Member,
+    library_members as library_members,
+)
 from .metrics import (
     METRICS as METRICS,
     cell_measure as cell_measure,
@@ -34,6 +40,7 @@ from .norms import (
     column_norms as column_norms,
     norm_settings as norm_settings,
 )
+from .sameness import same_values as same_values, shared_sample as shared_sample
 from .settings import METRIC_NAMES as METRIC_NAMES, RGL_SUFFIX as RGL_SUFFIX
 from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture

@@ -30,7 +30,11 @@ from torchbrdf.files import OTHER_DISK, check_room, replacing_folder
 
 FORMAT = 1
 MIXTURE = "mixture-"
-"""How the folders begin of libraries of several folders or files; see `_clear`."""
+"""How the folders begin of libraries of several folders or files."""
+
+_KEPT_MIXTURES = 8
+"""The last ones that were opened: each change of what is mixed makes another, of 9 MB a material."""
+
 _TARGET_EXPONENT = 11
 
 
@@ -109,9 +113,22 @@ def open_or_build(
             for leftover in folder.parent.glob(f".{folder.name}.*"):
                 shutil.rmtree(leftover, ignore_errors=True)
             _build_folder(source, stamps, folder, progress, [*known, *_caches(folder.parent, stamps)])
+            _clear(folder)
         with suppress(OSError):
             (folder / "manifest.json").touch()
         return replace(_open(folder), stamps=stamps)  # which caches of before 0.11 do not hold
+
+
+def _clear(built: Path) -> None:
+    """Remove the mixtures that were opened longest ago, but for `_KEPT_MIXTURES`; none that is being built."""
+    from filelock import FileLock, Timeout
+
+    manifests = [path for path in built.parent.glob(f"{MIXTURE}*/manifest.json") if path.parent != built]
+    with suppress(OSError):
+        newest_first = sorted(manifests, key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in newest_first[_KEPT_MIXTURES - 1 :]:
+            with suppress(Timeout), FileLock(path.parent.with_suffix(".lock"), timeout=0):
+                shutil.rmtree(path.parent, ignore_errors=True)
 
 
 def _caches(parent: Path, stamps: Sequence[str]) -> list[StoredColumns]:

@@ -25,10 +25,14 @@ class _Rows(Protocol):
 
 def same_measurements(library: _Rows) -> list[tuple[str, str]]:
     """Pairs of materials whose tables are equal but for one factor, within `SAME`."""
-    lit = torch.nonzero(above_horizon().ravel()).ravel()
-    cells = lit[torch.arange(_CELLS) * len(lit) // _CELLS]
-    rows = library.rows(cells).double().cpu()
+    rows = library.rows(shared_sample()).double().cpu()
     return same_values([rows[:, i : i + 3] for i in range(0, rows.shape[1], 3)], library.names)
+
+
+def shared_sample() -> Tensor:
+    """Cells above the horizon in which tables are compared."""
+    lit = torch.nonzero(above_horizon().ravel()).ravel()
+    return lit[torch.arange(_CELLS) * len(lit) // _CELLS]
 
 
 def same_values(values: Sequence[Tensor], names: Sequence[str]) -> list[tuple[str, str]]:
