@@ -1,17 +1,14 @@
 """Columns that a library need not compute, as other libraries have stored them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf.column_sources import columns_of, shared_cells
 from torchbrdf.brdf.gram import lower_gram
-
-if TYPE_CHECKING:
-    from torchbrdf.brdf.library_cache import StoredColumns
 
 _LOST_DIGITS = 1e-5
 """Of a diagonal of the Gram matrix: where less is left after a subtraction, the sum is taken anew."""
@@ -31,11 +28,31 @@ class Part:
     mine: tuple[int, ...]
 
 
+class Stored(Protocol):
+    """See `StoredColumns`."""
+
+    @property
+    def columns(self) -> Tensor: ...
+    @property
+    def scale(self) -> Tensor: ...
+    @property
+    def gram(self) -> Tensor: ...
+    @property
+    def valid(self) -> Tensor: ...
+    @property
+    def fingerprint(self) -> str: ...
+    @property
+    def stamps(self) -> tuple[str, ...]: ...
+    @property
+    def parts(self) -> tuple[Part, ...]: ...
+    def release(self) -> None: ...
+
+
 @dataclass(frozen=True)
 class Reused:
     """Materials of a library to build, and where they are stored."""
 
-    stored: "StoredColumns"
+    stored: Stored
     theirs: tuple[int, ...]
     mine: tuple[int, ...]
 
@@ -52,7 +69,7 @@ class Reused:
         return parts
 
 
-def reusable(stamps: Sequence[str], libraries: Iterable["StoredColumns"]) -> tuple[list[Reused], list[int]]:
+def reusable(stamps: Sequence[str], libraries: Sequence[Stored]) -> tuple[list[Reused], list[int]]:
     """What can be taken from some libraries, most from the one that has most; positions of what none of them has."""
     wanted = {stamp: i for i, stamp in reversed(list(enumerate(stamps)))}
     left, reused = set(range(len(stamps))), []

@@ -46,7 +46,7 @@ class ColumnSource(Protocol):
 
     @property
     def stamps(self) -> tuple[str, ...]:
-        """One a material, whatever its name: changes whenever its columns may have changed; costs no reading of the columns."""
+        """One a material, whatever its name: changes whenever its columns may have; costs no reading of them."""
         ...
 
     def scan(self, material: int) -> tuple[Tensor, Tensor]:
@@ -63,7 +63,7 @@ class ColumnSource(Protocol):
 
 
 class MerlSource:
-    """Tables in files; those that are not MERL's own half of the grid are converted to a temporary file when scanned."""
+    """Tables in files; when scanned, those that are not `.binary` are converted to a temporary file."""
 
     def __init__(self, paths: Sequence[Path], names: Sequence[str]) -> None:
         """Keep the paths, which are sound or not: `scan` tells."""
@@ -88,7 +88,7 @@ class MerlSource:
         path = self.paths[material]
         table = read_table(path)
         if path.suffix.lower() != _MERL_SUFFIX:
-            self._spool = self._spool or tempfile.TemporaryFile(dir=cache_folder())
+            self._spool = self._spool or tempfile.TemporaryFile(dir=cache_folder())  # noqa: SIM115 - is gone with the source
             self._converted[material] = self._spool.seek(0, os.SEEK_END)
             table.values.float().contiguous().numpy().tofile(self._spool)
             self._spool.flush()
@@ -151,7 +151,7 @@ class TableSource:
     @property
     def stamps(self) -> tuple[str, ...]:
         """Of the values."""
-        return tuple(hashlib.sha256(table.values.contiguous().numpy()).hexdigest() for table in self.tables)
+        return tuple(hashlib.sha256(table.values.contiguous().numpy().tobytes()).hexdigest() for table in self.tables)
 
     def subset(self, materials: Sequence[int]) -> "TableSource":
         """See ColumnSource."""

@@ -21,7 +21,7 @@ from torchbrdf.brdf.column_sources import (
     columns_of,
 )
 from torchbrdf.brdf.library_cache import MIXTURE, StoredColumns, build_in_memory, open_or_build
-from torchbrdf.brdf.members import EMBEDDED, library_members
+from torchbrdf.brdf.members import EMBEDDED, Member, library_members
 from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.sameness import same_measurements
@@ -66,8 +66,8 @@ class MaterialLibrary:
     def from_files(cls, sources: Sequence[str | os.PathLike[str]], progress: bool = True) -> "MaterialLibrary":
         """Measured tables of folders and files, of any format that is read, and "default", the embedded library.
 
-        Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, and after as many
-        folders before as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, cached as
+        Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, with as many
+        folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, cached as
         those of `from_merl`, with what other caches hold of them already. Warns of tables that are one measurement.
         Raises OSError or ValueError as `library_members`, and where a table is unsound.
         """
@@ -75,19 +75,19 @@ class MaterialLibrary:
             (only,) = sources
             if str(only) == EMBEDDED:
                 return cls.default(progress)
-            if Path(only).is_dir() and not any(member.name != member.path.stem for member in library_members(sources)):
+            if Path(only).is_dir() and _is_plain(library_members(sources)):
                 return cls.from_merl(only, progress)._checked()
         known = [cls.default(progress).stored] if EMBEDDED in map(str, sources) else []
         embedded = known[0].names if known else ()
         members = library_members(sources, embedded)
         _check_enough(len(members), ", ".join(map(str, sources)), 'name more files or folders, or "default" too')
-        files = [member for member in members if member.path is not None]
-        source = MerlSource([member.path for member in files], [member.name for member in files])
-        stamps = dict(zip((member.name for member in files), source.stamps, strict=True))
+        files = {member.name: member.path for member in members if member.path is not None}
+        source = MerlSource(list(files.values()), list(files))
+        stamps = dict(zip(files, source.stamps, strict=True))
         held = iter(known[0].stamps if known else ())
         mixed = StampedSource(
             tuple(member.name for member in members),
-            tuple(stamps[member.name] if member.path is not None else next(held) for member in members),
+            tuple(stamps[member.name] if member.name in files else next(held) for member in members),
             source,
         )
         places = [str(member.path.resolve()) if member.path else member.name for member in members]
@@ -275,6 +275,11 @@ class MaterialLibrary:
 def _unpacked(bits: Tensor) -> Tensor:
     """(90, 90, 180) bool of packed bits."""
     return torch.from_numpy(np.unpackbits(bits.numpy()).view(bool)).reshape(GRID)
+
+
+def _is_plain(members: Sequence[Member]) -> bool:
+    """Whether all are named as the tables of one folder are."""
+    return all(member.path is not None and member.name == member.path.stem for member in members)
 
 
 def _check_enough(count: int, where: str, remedy: str) -> None:

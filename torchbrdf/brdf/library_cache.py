@@ -337,6 +337,6 @@ def _fingerprint(
     digest = hashlib.sha256(repr(names).encode() + scale.numpy().tobytes())
     for start in range(0, N_CELLS, ROW_CELLS):
         rows = columns[start : start + ROW_CELLS]
-        digest.update((rows if which is None else rows[:, which]).numpy())
+        digest.update((rows if which is None else rows[:, which]).numpy().tobytes())
         _release(mapping)
     return digest.hexdigest()

@@ -9,7 +9,7 @@ from torch import Tensor
 from torchbrdf.brdf.merl import above_horizon
 
 SAME = 0.01
-"""Root mean square of the logarithm of the ratio of two tables, after one factor, below which they are one measurement."""
+"""Root mean square of the logarithm of the ratio of two tables, after one factor, below which they are one."""
 
 _CELLS = 4096
 _FLOOR = 1e-4

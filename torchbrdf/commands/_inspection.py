@@ -14,7 +14,7 @@ from torchbrdf.estimation import albedo_rule
 
 _ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 TOO_MUCH = 1.02
-"""Directional albedo above which a table is said to reflect more than it gets: the rule of cells is good to a per cent."""
+"""Directional albedo above which a table reflects more than it gets: the rule of cells is good to a per cent."""
 
 FAR_TOO_MUCH = 2.0
 """Above which its scale is in doubt: another unit, or a factor of pi or 1500."""

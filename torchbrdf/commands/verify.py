@@ -10,7 +10,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Say of measured tables which are sound, what they hold, what is wrong with others, and which MERL materials are missing.
+    """Say which measured tables are sound, what they hold, what is wrong with the others, and what MERL has beside.
 
     Of a sound one: its format, the range of f_r, the share of cells that were not measured, and the most it reflects.
     """
