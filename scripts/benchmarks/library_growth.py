@@ -1,7 +1,8 @@
 """A library of 500 materials is built within two minutes and 3 GB; one more costs seconds, not another build.
 
-The materials are random mixtures of the embedded library's columns, which no file holds: what is timed is the conversion,
-the Gram matrix and the writing. Error: largest relative difference of the Gram matrices of the grown and the built library.
+The materials are random mixtures of the embedded library's columns, which no file holds: what is timed is the
+conversion, the Gram matrix and the writing. Error: the largest relative difference of the Gram matrices of the grown
+and the built library.
 """
 
 import argparse

@@ -12,6 +12,10 @@ from .directions import (
 from .gram import lower_gram as lower_gram
 from .library import MaterialLibrary as MaterialLibrary
 from .library_cache import StoredColumns as StoredColumns
+from .members import (
+    Member as Member,
+    library_members as library_members,
+)
 from .merl import MerlTable as MerlTable, nearest_measured as nearest_measured
 from .merl_directory import (
     MERL_MATERIALS as MERL_MATERIALS,
@@ -25,11 +29,6 @@ from .merl_grid import (
     above_horizon as above_horizon,
     cell_centres as cell_centres,
     cell_index as cell_index,
-)
-from .members import (
-    EMBEDDED as EMBEDDED,
-    Member as Member,
-    library_members as library_members,
 )
 from .metrics import (
     METRICS as METRICS,
