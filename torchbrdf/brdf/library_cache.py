@@ -284,9 +284,9 @@ class _Build:
         halves[:, which] = ready
         for part in self.reused:
             stored = part.stored.columns[i * ROW_CELLS : (i + 1) * ROW_CELLS]
-            halves[:, columns_of(part.mine)] = stored[:, columns_of(part.theirs)].cpu()
+            halves[:, _run(part.mine)] = stored[:, _run(part.theirs)].cpu()
             part.stored.release()
-        rows = halves.double() * self.scale
+        rows = halves.double().mul_(self.scale)
         rows[:, which] = fresh.double()
         return rows, halves
 
@@ -316,6 +316,12 @@ def _fill(columns: Tensor, valid: Tensor, materials: Sequence[int], mapping: mma
             else:
                 columns[cells[:, None], which] = columns[nearest[:, None], which]
             _release(mapping)
+
+
+def _run(materials: Sequence[int]) -> Tensor | slice:
+    """The columns of materials: as a slice where they follow each other, which is copied ten times as fast."""
+    first, last = materials[0], materials[-1]
+    return slice(3 * first, 3 * last + 3) if list(materials) == list(range(first, last + 1)) else columns_of(materials)
 
 
 def _scale_of(peak: Tensor) -> Tensor:
