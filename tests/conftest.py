@@ -5,7 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -112,13 +112,23 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def decoded_pink_felt(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> MerlTable:
-    """pink-felt from its neural encoding: close to the measured material, not the measurement itself."""
-    folder = tmp_path_factory.mktemp("decoded")
-    tool = shared_data.parent / "tools" / "decode_merl_neural.py"
-    command = [sys.executable, str(tool), str(folder), "--materials", "pink-felt"]
-    subprocess.run(command, check=True, capture_output=True)
-    return MerlTable.open(folder / "pink-felt.binary")
+def decode(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Write tables of MERL materials from their neural encodings: close to the measurements, not the measurements."""
+
+    def decode(*materials: str) -> Path:
+        folder = tmp_path_factory.mktemp("decoded")
+        command = [sys.executable, shared_data.parent / "tools" / "decode_merl_neural.py", folder, "--materials"]
+        ran = subprocess.run([*command, *materials], capture_output=True, text=True)
+        assert ran.returncode == 0, ran.stderr
+        return folder
+
+    return decode
+
+
+@pytest.fixture(scope="session")
+def decoded_pink_felt(decode: Callable[..., Path]) -> MerlTable:
+    """pink-felt from its neural encoding."""
+    return MerlTable.open(decode("pink-felt") / "pink-felt.binary")
 
 
 @pytest.fixture(scope="session")

@@ -141,7 +141,7 @@ def test_everything_public_is_public_as_before():
         "Ball PinholeCamera "
         "Alignment AnalyticFit BRDFEstimator BasisImages Camera HarmonicBasis LightProbe MaterialClasses "
         "MaterialLibrary MerlTable MeshView NormalMapView Reconstruction SphereView View align fit_analytic "
-        "fit_analytic_batch fit_analytic_to_image read_image read_mask render render_basis render_directional "
-        "write_image"
+        "fit_analytic_batch fit_analytic_to_image read_image read_mask read_table render render_basis "
+        "render_directional write_image"
     )
     assert sorted(torchbrdf.__all__) == sorted(names.split())

@@ -22,7 +22,7 @@ from torch import Tensor
 
 import torchbrdf as tb
 from stability_cases import CASES, LABELS, Case, classes_of, photograph, synthetic
-from torchbrdf.brdf.column_sources import ParameterSource
+from torchbrdf.brdf.column_sources import EmbeddedSource
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.brdf.library_cache import build_in_memory, columns_of
 from torchbrdf.estimation.classes import MaterialClasses
@@ -691,10 +691,10 @@ class Real:
     """Twelve materials of the embedded library under a probe, and a photograph of a thirteenth."""
 
     def __init__(self) -> None:
-        source = ParameterSource()
+        source = EmbeddedSource()
         chosen = (*range(0, 100, 9), 4)
         source.names = tuple(source.names[i] for i in chosen)
-        source.parameters = {key: values[columns_of(chosen)] for key, values in source.parameters.items()}
+        source.factors = source.factors.subset(columns_of(chosen))
         whole = MaterialLibrary(build_in_memory(source), tuple(range(13)))
         self.library, self.table = whole.without(whole.names[12]), whole.table(whole.names[12])
         self.view = tb.SphereView(16)

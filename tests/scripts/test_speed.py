@@ -20,6 +20,7 @@ from speed.processes import finished, resident
 from speed.references import Reference
 from speed.rows import FAILED, Row, in_words, kept, report
 from torchbrdf import __version__
+from torchbrdf.brdf.tucker import load_default_factors
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.view.sphere import SphereView
 
@@ -181,12 +182,12 @@ def test_a_changed_light_is_another_light():
     assert len({changed(probe, k).fingerprint for k in range(5)}) == 5
 
 
-def test_strangers_are_like_the_embedded_materials_and_none_is_twice():
-    source = strangers(120)
+def test_strangers_lie_between_embedded_materials_and_none_is_twice():
+    embedded, source = load_default_factors()[1].quantised, strangers(120)
     assert len(source.names) == 120
-    widths, decays = source.parameters["width"], source.parameters["decay"]
-    assert not bool(torch.isclose(widths[:60], widths[300:], atol=0).any())
-    assert torch.equal(decays[:60], decays[300:])
+    assert not bool((source.factors.quantised[:, :180] == source.factors.quantised[:, 180:]).all(0).any())
+    assert bool((source.factors.quantised.amax(1) <= embedded.amax(1)).all())
+    assert bool((source.factors.quantised.amin(1) >= embedded.amin(1)).all())
 
 
 def test_small_lamps_have_most_of_the_power():

@@ -40,6 +40,10 @@ from .norms import (
     norm_settings as norm_settings,
 )
 from .sameness import same_values as same_values, shared_sample as shared_sample
-from .settings import METRIC_NAMES as METRIC_NAMES, RGL_SUFFIX as RGL_SUFFIX
+from .settings import (
+    METRIC_NAMES as METRIC_NAMES,
+    RGL_SUFFIX as RGL_SUFFIX,
+    TABLE_SUFFIX as TABLE_SUFFIX,
+)
 from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture

@@ -1,4 +1,4 @@
-"""Where the columns of B come from: MERL files, tables in memory, or the embedded analytic parameters."""
+"""Where the columns of B come from: MERL files, tables in memory, or the embedded library."""
 
 import hashlib
 import os
@@ -12,9 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf.lobes import MODEL_VERSION, expand_row, load_default_parameters
-from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, MerlTable, above_horizon, cell_centres, read_planes
+from torchbrdf.brdf.merl import CHANNEL_SCALE, MerlTable, read_planes
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
 from torchbrdf.brdf.tables import read_table
+from torchbrdf.brdf.tucker import MODEL_VERSION, load_default_factors
 from torchbrdf.files import cache_folder
 
 ROW_CELLS = GRID[1] * GRID[2]
@@ -166,37 +167,36 @@ class TableSource:
         return torch.cat([table.values[i].reshape(ROW_CELLS, 3).double() for table in self.tables], dim=1)
 
 
-class ParameterSource:
-    """The embedded library: analytic parameters, evaluated at the cell centres."""
+class EmbeddedSource:
+    """The embedded library, expanded to the cells of the grid."""
 
     _HEADROOM = 4.0
-    """Above the largest value on every tenth cell, which is what `scan` looks at."""
+    """Above the largest value on every tenth row, which is what `scan` looks at."""
 
     def __init__(self) -> None:
-        """Read the parameters that come with the package."""
-        self.names, self.parameters = load_default_parameters()
+        """Read the factors that come with the package."""
+        self.names, self.factors = load_default_factors()
         self._kept: dict[int, Tensor] = {}
 
     @property
     def stamp(self) -> str:
-        """The parameters, and the version of the model that reads them."""
+        """The factors, and the version of the model that reads them."""
         digest = hashlib.sha256(f"{MODEL_VERSION} {self.names}".encode())
-        for key, value in sorted(self.parameters.items()):
-            digest.update(key.encode() + value.contiguous().numpy().tobytes())
+        for name, values in self.factors.tensors.items():
+            digest.update(name.encode() + values.contiguous().numpy().tobytes())
         return digest.hexdigest()
 
     @property
     def stamps(self) -> tuple[str, ...]:
-        """The version, and where among the parameters."""
+        """The version, and where among the factors."""
         stamp = self.stamp
         return tuple(f"{stamp} {i}" for i in range(len(self.names)))
 
-    def subset(self, materials: Sequence[int]) -> "ParameterSource":
+    def subset(self, materials: Sequence[int]) -> "EmbeddedSource":
         """See ColumnSource."""
-        some = ParameterSource()
-        columns = [3 * i + c for i in materials for c in range(3)]
+        some = EmbeddedSource()
         some.names = tuple(self.names[i] for i in materials)
-        some.parameters = {key: value[columns] for key, value in self.parameters.items()}
+        some.factors = self.factors.subset(columns_of(materials))
         return some
 
     @cached_property
@@ -216,7 +216,7 @@ class ParameterSource:
     def row(self, i: int) -> Tensor:
         """See ColumnSource."""
         kept = self._kept.pop(i, None)
-        return expand_row(self.parameters, float(cell_centres()[0][i])) if kept is None else kept
+        return self.factors.row(i) if kept is None else kept
 
 
 def _extent(table: MerlTable) -> tuple[Tensor, Tensor]:

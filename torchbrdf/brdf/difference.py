@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf.merl import MerlTable, above_horizon
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.brdf.merl_grid import above_horizon
 from torchbrdf.brdf.metrics import METRICS, cell_measure, incident_cosine
 from torchbrdf.images import relative_rms
 

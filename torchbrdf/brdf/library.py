@@ -14,16 +14,17 @@ from torch import Tensor
 from torchbrdf.brdf._combination import combined
 from torchbrdf.brdf.column_sources import (
     ROW_CELLS,
+    EmbeddedSource,
     MerlSource,
-    ParameterSource,
     StampedSource,
     TableSource,
     columns_of,
 )
 from torchbrdf.brdf.library_cache import MIXTURE, StoredColumns, build_in_memory, open_or_build
 from torchbrdf.brdf.members import EMBEDDED, Member, library_members
-from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
+from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
 from torchbrdf.brdf.sameness import same_measurements
 from torchbrdf.files import cache_folder
 
@@ -44,9 +45,9 @@ class MaterialLibrary:
 
     @classmethod
     def default(cls, progress: bool = True) -> "MaterialLibrary":
-        """The embedded library of 100 materials: analytic parameters, expanded into a cache on first use."""
+        """The embedded library of 100 materials: encoded, and expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
-        return cls._whole(open_or_build(ParameterSource(), folder, progress))
+        return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
 
     @classmethod
     def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":

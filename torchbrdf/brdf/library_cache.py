@@ -25,7 +25,8 @@ from tqdm import tqdm
 
 from torchbrdf.brdf._reused_columns import GramSum, Part, reusable
 from torchbrdf.brdf.column_sources import ROW_CELLS, ColumnSource, columns_of, shared_cells
-from torchbrdf.brdf.merl import GRID, LARGEST, N_CELLS, nearest_measured
+from torchbrdf.brdf.merl import LARGEST, nearest_measured
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS
 from torchbrdf.files import OTHER_DISK, check_room, replacing_folder
 
 FORMAT = 1

@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import pi
 from pathlib import Path
 from typing import Literal
 
@@ -19,8 +18,7 @@ from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference, half_difference
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon, cell_centres, cell_index, grid_coordinates
-from torchbrdf.brdf.rgl import RGLMaterial
-from torchbrdf.brdf.rgl_table import tabulate
+from torchbrdf.brdf.settings import RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
 
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
@@ -134,11 +132,14 @@ class MerlTable:
         to 0; warns where that, or the mean over azimuths, changes the material by more than 1 %. Raises as
         `RGLMaterial.open`, and ValueError for an anisotropic material.
         """
+        from torchbrdf.brdf.rgl import RGLMaterial
+        from torchbrdf.brdf.rgl_table import tabulate
+
         material = RGLMaterial.open(path)
         if not (isotropic or material.isotropic):
             raise ValueError(
                 f"{path}: anisotropic, measured for {len(material.phi_i)} azimuths, and a MERL table has none: "
-                "pass isotropic=True (--isotropic) for its mean over them"
+                "isotropic=True, or `torchbrdf convert --isotropic`, takes its mean over them"
             )
         found = tabulate(material)
         if found.clipped > 0.01:
@@ -169,8 +170,21 @@ class MerlTable:
         values[valid] = f_r(w_i[valid], w_o[valid]).to(torch.float64)
         return cls(values, valid, name)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a MERL `.binary`; cells that were not measured become -1, negative measured ones 0."""
+    def save(self, path: str | os.PathLike[str], spectral: bool = False) -> None:
+        """Write a MERL `.binary`, or an RGL `.bsdf` where the path ends so, which renderers open without a plugin.
+
+        In a `.binary` cells that were not measured become -1, negative measured ones 0.
+        A `.bsdf` is RGB, for RGB variants of Mitsuba 3; spectral=True: spectra of the same colours under D65, for its
+        spectral variants and pbrt-v4. Cells that were not measured take their nearest measured one.
+        """
+        if Path(path).suffix.lower() == RGL_SUFFIX:
+            from torchbrdf.brdf.rgl_writing import write_bsdf
+
+            with writing(path) as temporary:
+                write_bsdf(temporary, self._trilinear, self.valid.cpu(), self.name, spectral)
+            return
+        if spectral:
+            raise ValueError(f"{path}: spectral is for a {RGL_SUFFIX} file; a MERL table has red, green and blue alone")
         values, unmeasured = self.values.detach().cpu(), ~self.valid.cpu()
         with writing(path) as temporary, open(temporary, "wb") as file:
             np.array(GRID, "<i4").tofile(file)

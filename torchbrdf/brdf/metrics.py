@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference
-from torchbrdf.brdf.merl import GRID, above_horizon, cell_centres
+from torchbrdf.brdf.merl_grid import GRID, above_horizon, cell_centres
 from torchbrdf.brdf.settings import METRIC_NAMES
 
 CUBE_ROOT_OFFSET = 1e-8

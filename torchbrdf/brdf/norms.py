@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchbrdf.brdf.directions import half_difference
 from torchbrdf.brdf.library_cache import StoredColumns
-from torchbrdf.brdf.merl import N_CELLS, cell_index
+from torchbrdf.brdf.merl_grid import N_CELLS, cell_index
 
 _SAMPLES = 1 << 19
 _RINGS = 16

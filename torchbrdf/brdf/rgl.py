@@ -62,7 +62,8 @@ class RGLMaterial:
         file = TensorFile(path, WHAT)
         theta_i, phi_i = (_angles(file, name) for name in ("theta_i", "phi_i"))
         if theta_i[0] < 0 or theta_i[-1] > pi / 2 + 1e-3:
-            raise ValueError(f"{path}: theta_i goes from {theta_i[0]:.4g} to {theta_i[-1]:.4g}, beyond 0 to pi/2; {AGAIN}")
+            ends = f"{theta_i[0]:.4g} to {theta_i[-1]:.4g}"
+            raise ValueError(f"{path}: theta_i goes from {ends}, beyond 0 to pi/2; {AGAIN}")
         parameters = (len(phi_i), len(theta_i))
         density = _sound(file, "vndf", parameters, least=0.0)
         if not (density.sum((2, 3)) > 0).all():
@@ -140,7 +141,8 @@ def _sound(file: TensorFile, name: str, leading: tuple[int, ...], axes: int = 2,
     values = file.read(name, "<f4", len(leading) + axes)
     if values.shape[: len(leading)] != leading or min(values.shape[-2:]) < 2:
         expected = " x ".join(map(str, leading + ("n",) * axes))
-        raise ValueError(f"{file.path}: the field {name!r} must be {expected}, at least 2 x 2, got {values.shape}; {AGAIN}")
+        problem = f"must be {expected}, at least 2 x 2, got {values.shape}"
+        raise ValueError(f"{file.path}: the field {name!r} {problem}; {AGAIN}")
     if not (values.min() >= least and values.max() <= _MOST):
         problem = "is not finite or beyond all measurements" if least < 0 else "is negative, not finite or too large"
         raise ValueError(f"{file.path}: the field {name!r} {problem} in places; {AGAIN}")

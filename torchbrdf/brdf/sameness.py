@@ -6,7 +6,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf.merl import above_horizon
+from torchbrdf.brdf.merl_grid import above_horizon
 
 SAME = 0.01
 """Root mean square of the logarithm of the ratio of two tables, after one factor, below which they are one."""

@@ -4,3 +4,6 @@ METRIC_NAMES = ("l2", "log", "cube-root")
 
 RGL_SUFFIX = ".bsdf"
 """Of measured materials of the RGL database, in lower case."""
+
+TABLE_SUFFIX = ".binary"
+"""Of MERL tables that are written."""

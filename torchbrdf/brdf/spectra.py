@@ -15,6 +15,12 @@ _REC709_OF_XYZ = np.array(
 )
 """Linear Rec. 709 of CIE XYZ [ITU-R BT.709]."""
 
+SPECTRAL_NODES = np.linspace(400.0, 700.0, 13)
+"""(13,) nm: where the spectra are given that stand for colours."""
+
+_EXACTLY = 1e4
+"""How much more the colours of `basis_spectra` count than their smoothness."""
+
 _STEP = 0.25
 """In nm, of the sum that stands for the integral: wavelengths of files and of the CIE's table fall on it or near."""
 
@@ -30,3 +36,20 @@ def to_rec709(wavelengths: np.ndarray) -> np.ndarray:
     weights /= weights.sum(1, keepdims=True)
     hats = np.stack([np.interp(fine, wavelengths, one) for one in np.eye(len(wavelengths))], 1)
     return weights @ hats
+
+
+@lru_cache(maxsize=1)
+def basis_spectra() -> np.ndarray:
+    """(13, 3) float64 in [0, 1] at `SPECTRAL_NODES`: the smoothest spectra of red, green and blue that sum to 1.
+
+    A colour times these is a spectrum of this colour under D65, of no more than 1 where the colour is, as in [MY19].
+    """
+    from scipy.optimize import lsq_linear
+
+    n = len(SPECTRAL_NODES)
+    bends = np.kron(np.eye(3), np.diff(np.eye(n), 2, axis=0))
+    colours = np.kron(np.eye(3), to_rec709(SPECTRAL_NODES))
+    sums = np.tile(np.eye(n), 3)
+    rows = np.concatenate([bends, _EXACTLY * colours, _EXACTLY * sums])
+    wanted = np.concatenate([np.zeros(len(bends)), _EXACTLY * np.eye(3).ravel(), np.full(n, _EXACTLY)])
+    return lsq_linear(rows, wanted, bounds=(0, 1), tol=1e-14).x.reshape(3, n).T

@@ -5,7 +5,8 @@ from math import frexp
 import numpy as np
 import torch
 
-from torchbrdf.brdf.merl import GRID, MerlTable
+from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.brdf.merl_grid import GRID
 
 LAYERS = 12
 """Of phi_d, 15 degrees each: a table loses 0.5 to 2.5 % (L2). Folding phi_d to [0, 90] degrees by mirror symmetry,

@@ -13,7 +13,7 @@ from types import ModuleType
 
 _FIRST = (
     "demo", "merge", "probe", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export",
-    "verify", "classes",
+    "convert", "verify", "classes",
 )  # fmt: skip
 """In the order in which a user meets them; the others follow by name."""
 

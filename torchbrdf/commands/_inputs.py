@@ -144,7 +144,7 @@ def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) 
 
 
 def open_table(path: Path) -> MerlTable:
-    """A MERL table, or that in a folder that `torchbrdf fit` wrote."""
+    """A MERL table or a measured material of the RGL database, or the table in a folder that `torchbrdf fit` wrote."""
     if not path.is_dir():
         return read_table(path)
     if not (path / RESULT).is_file():

@@ -13,7 +13,7 @@ from torchbrdf.light import Layout, Rows
 STD = "brdf_std.binary"
 """The standard deviation of f_r in every cell, as a MERL table, in a folder that `torchbrdf fit` writes."""
 
-TABLE_HELP = "MERL table, .binary, or a folder that `fit` wrote"
+TABLE_HELP = "MERL table, .binary; measured material of the RGL database, .bsdf; or a folder that `fit` wrote"
 
 LARGEST_SIZE = 8192
 """Pixels along a side that are believed to be meant."""

@@ -11,7 +11,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import torch
@@ -154,16 +154,16 @@ def estimating(
     return steps("one photograph", lambda _: estimators[0](photograph), 9)
 
 
-def strangers(materials: int) -> column_sources.ParameterSource:
-    """Materials like the embedded ones, their lobes stronger or weaker and wider or narrower."""
-    source = column_sources.ParameterSource()
-    columns = torch.arange(3 * materials) % len(source.parameters["strength"])
+def strangers(materials: int) -> column_sources.EmbeddedSource:
+    """Materials whose logarithms lie between those of two embedded ones, drawn at random."""
+    source = column_sources.EmbeddedSource()
     generator = torch.Generator().manual_seed(0)
+    pairs = torch.randint(len(source.names), (2, materials), generator=generator)
+    one, other = (source.factors.subset((3 * some[:, None] + torch.arange(3)).ravel()) for some in pairs)
+    share = torch.rand(materials, generator=generator).repeat_interleave(3)
+    between = share * one.quantised + (1 - share) * other.quantised
+    source.factors = replace(one, quantised=between.round().short())
     source.names = tuple(f"material{i:03}" for i in range(materials))
-    source.parameters = {name: values[columns] for name, values in source.parameters.items()}
-    for name in ("strength", "width"):
-        factors = (0.2 * torch.randn(materials, 1, generator=generator)).exp()
-        source.parameters[name] = source.parameters[name] * factors.repeat_interleave(3, 0)
     return source
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ from torchbrdf.brdf.directions import half_difference
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.tables import render, render_tables
+from torchbrdf.transport.harmonic._table_kernels import EXACT
 from torchbrdf.transport.harmonic.tables import table_pictures
 from torchbrdf.view.sphere import SphereView
 from torchbrdf.view.view import View
@@ -55,6 +57,18 @@ def test_agrees_with_samples(f_r: Callable[[Tensor, Tensor], Tensor]) -> None:
 @pytest.mark.parametrize("view", [SphereView(16, 15.0), SphereView(16, 8.0, (0.3, -0.2, -1.0))], ids=repr)
 def test_balls_in_perspective_agree_with_samples(view: SphereView) -> None:
     assert differs(TINY_MATERIALS["satin-0.35"], view, lamps(64)) < MOST
+
+
+def test_the_shadow_line_of_a_lamp_is_converged() -> None:
+    """Where light grazes a material that is bright at grazing angles, its image ends in a step."""
+    radiance = torch.full((3, 128, 256), 1e-4)
+    radiance[:, 50, 100] = 1000
+    table = table_of(lambda w_i, w_o: (0.05 / (w_i[..., 2] * w_o[..., 2] + 0.02))[..., None].expand(*w_i.shape[:-1], 3))
+    finer = replace(EXACT, azimuths=tuple(2 * each for each in EXACT.azimuths))
+    picture, converged = (
+        table_pictures(table, [(LightProbe(radiance), None)], SphereView(64), detail)[0] for detail in (EXACT, finer)
+    )
+    assert relative(picture, converged) < 3e-3
 
 
 def test_each_light_is_turned_by_its_own_rotation() -> None:

@@ -1,0 +1,45 @@
+"""`torchbrdf convert`: a measured table from one file format to another."""
+
+import argparse
+from pathlib import Path
+
+from torchbrdf.brdf import METRIC_NAMES, RGL_SUFFIX, TABLE_SUFFIX
+from torchbrdf.commands._options import add_table
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is converted, to what."""
+    add_table(parser)
+    text = f"X{TABLE_SUFFIX}, a MERL table, or X{RGL_SUFFIX}, for Mitsuba's `measured` and pbrt-v4"
+    parser.add_argument("output", type=Path, metavar="OUTPUT", help=text)
+    text = f"write spectra to the {RGL_SUFFIX}, as pbrt-v4 and Mitsuba's spectral variants need; default: RGB"
+    parser.add_argument("--spectral", action="store_true", help=text)
+    text = f"take the mean over all azimuths of an anisotropic {RGL_SUFFIX}"
+    parser.add_argument("--isotropic", action="store_true", help=text)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Convert a measured table: MERL's .binary to .bsdf and back; says what the file that was written holds of it."""
+    from torchbrdf.brdf import above_horizon, cell_difference, read_table
+    from torchbrdf.commands._inputs import open_table
+    from torchbrdf.files import writing
+
+    output = options.output
+    if output.suffix.lower() not in (TABLE_SUFFIX, RGL_SUFFIX):
+        raise ValueError(f"{output}: tables are written as {TABLE_SUFFIX} or {RGL_SUFFIX}; name the output so")
+    if options.spectral and output.suffix.lower() != RGL_SUFFIX:
+        raise ValueError(f"{output}: --spectral is for a {RGL_SUFFIX} file; a MERL table has red, green and blue alone")
+    if options.isotropic and options.brdf.suffix.lower() != RGL_SUFFIX:
+        raise ValueError(f"{options.brdf}: --isotropic is for an anisotropic {RGL_SUFFIX}; a MERL table is isotropic")
+    with writing(output) as temporary:
+        table = read_table(options.brdf, isotropic=True) if options.isotropic else open_table(options.brdf)
+        table.save(temporary, options.spectral)
+        written = read_table(temporary)
+    print(f"read {table}")
+    differences = ", ".join(f"{name} {cell_difference(written, table, name):.2%}" for name in METRIC_NAMES)
+    common = float((written.valid & table.valid).sum()) / float(above_horizon().sum())
+    print(f"wrote {output}: read again, it differs by {differences}, over {common:.1%} of the cells above the horizon")
+    if output.suffix.lower() == RGL_SUFFIX:
+        readers = "Mitsuba's spectral variants and pbrt-v4" if options.spectral else "Mitsuba's RGB variants"
+        print(f"for {readers}; {'without' if options.spectral else 'with'} --spectral for the others")
+    return 0
