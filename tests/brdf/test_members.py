@@ -57,7 +57,7 @@ def test_two_formats_of_one_name_in_one_folder_are_refused(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "error", "message"),
     [
-        ("gone", FileNotFoundError, "gone: no such file or directory; expected a measured table"),
+        ("gone", FileNotFoundError, "gone: no such file; expected a measured table"),
         ("photo.exr", ValueError, r"photo\.exr: no measured table by its suffix; a library takes \.binary"),
         ("empty", ValueError, "empty: holds no materials; expected MERL"),
     ],
@@ -67,6 +67,46 @@ def test_bad_input(tmp_path: Path, name: str, error: type[Exception], message: s
     (tmp_path / "empty").mkdir()
     with pytest.raises(error, match=message):
         library_members([tmp_path / name])
+
+
+def test_a_link_to_nothing_is_said_to_be_one(tmp_path: Path):
+    (tmp_path / "brass.binary").symlink_to("gone.binary")
+    with pytest.raises(FileNotFoundError, match=r"brass\.binary: a link to gone\.binary, which does not exist"):
+        library_members([tmp_path / "brass.binary"])
+
+
+def test_a_file_and_a_link_to_it_count_once(tmp_path: Path):
+    touched(tmp_path / "brass.binary")
+    (tmp_path / "messing.binary").symlink_to("brass.binary")
+    with pytest.warns(UserWarning, match=r"messing\.binary: the same file as .*brass\.binary, which counts once"):
+        assert [m.name for m in library_members([tmp_path])] == ["brass"]
+
+
+def test_a_folder_called_as_the_embedded_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Is named by a path."""
+    touched(tmp_path / "default" / "brass.binary")
+    monkeypatch.chdir(tmp_path)
+    found = library_members(["default", "./default"], ["brass"])
+    assert [(m.name, m.kind) for m in found][:1] == [("default/brass", "embedded")]
+    assert [m.path for m in found] == [None, Path("default/brass.binary")]
+
+
+def test_names_with_spaces(tmp_path: Path):
+    touched(tmp_path / "my own paints" / "sky blue.binary")
+    assert [m.name for m in library_members([tmp_path / "my own paints"])] == ["sky blue"]
+
+
+def test_one_path_in_the_place_of_several(tmp_path: Path):
+    touched(tmp_path / "brass.binary")
+    assert [m.name for m in library_members(str(tmp_path / "brass.binary"))] == ["brass"]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("x/brass.binary", "MERL"), ("x/felt.BSDF", "RGL"), ("mug/brdf.binary", "fit")]
+)
+def test_kinds(tmp_path: Path, name: str, kind: str):
+    touched(tmp_path / name)
+    assert [m.kind for m in library_members([tmp_path / name])] == [kind]
 
 
 def test_nothing(tmp_path: Path):

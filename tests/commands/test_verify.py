@@ -21,16 +21,15 @@ def lines(capsys: pytest.CaptureFixture[str], *paths: Path) -> list[str]:
 
 def test_what_a_table_is(capsys, folder: Path):
     (line,) = [line for line in lines(capsys, folder) if line.startswith("  white: ")]
-    assert "MERL, 90 x 90 x 180" in line
-    assert "0.0% not measured, reflects at most " in line
+    assert "MERL, f_r 0.239 to 0.255 1/sr, 0.0% not measured, reflects at most 80.0% (at " in line
 
 
-def test_a_table_that_reflects_five_times_what_it_gets(capsys, folder: Path):
+def test_what_to_be_warned_of(capsys, folder: Path):
     white = MerlTable.open(folder / "white.binary")
     MerlTable(white.values * 8, white.valid).save(folder / "bright.binary")
-    said = "\n".join(lines(capsys, folder))
-    assert "warning: bright reflects " in said
-    assert "; is it of another scale? divide it, or leave it out" in said
+    assert main(["verify", "--strict", str(folder)]) == 3
+    said = capsys.readouterr().err
+    assert "warning: bright: reflects 6.40 times the light that comes in at " in said
     assert "warning: bright and white are one measurement" in said
 
 
@@ -39,4 +38,15 @@ def test_a_fit_and_a_file_of_several_folders(capsys, folder: Path, merl_director
     os.link(merl_directory / "red.binary", tmp_path / "ball" / "brdf.binary")
     found = lines(capsys, folder, tmp_path / "ball", merl_directory / "teal.binary")
     assert found[0] == "3 sound: white, ball, teal"
-    assert any(line.startswith("  ball: a fit on MERL's grid") for line in found)
+    assert any(line.startswith("  ball: fit, f_r ") for line in found)
+
+
+def test_missing_materials_are_those_of_a_folder_that_has_some(capsys, folder: Path, merl_directory: Path):
+    assert not any("missing" in line for line in lines(capsys, folder))
+    os.link(merl_directory / "white.binary", folder / "brass.binary")
+    assert lines(capsys, folder)[-1].startswith("99 of the 100 MERL materials are missing: alum-bronze, ")
+
+
+def test_nothing_there(capsys, tmp_path: Path):
+    assert main(["verify", str(tmp_path / "gone")]) == 2
+    assert capsys.readouterr().err.startswith(f"torchbrdf: error: {tmp_path / 'gone'}: no such file; expected")

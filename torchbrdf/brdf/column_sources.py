@@ -3,7 +3,9 @@
 import hashlib
 import os
 import tempfile
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Protocol
@@ -14,25 +16,30 @@ from torch import Tensor
 
 from torchbrdf.brdf.merl import CHANNEL_SCALE, MerlTable, read_planes
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
+from torchbrdf.brdf.settings import RGL_SUFFIX
+from torchbrdf.brdf.stored_columns import ROW_CELLS, columns_of
 from torchbrdf.brdf.tables import read_table
 from torchbrdf.brdf.tucker import MODEL_VERSION, load_default_factors
-from torchbrdf.files import cache_folder
-
-ROW_CELLS = GRID[1] * GRID[2]
-"""Cells of one theta_h row of the grid."""
-
-_MERL_SUFFIX = ".binary"
-"""Of files whose rows are read where they lie."""
+from torchbrdf.files import cache_folder, existing_file
 
 
-def columns_of(materials: Sequence[int]) -> Tensor:
-    """(3 len(materials),) int64: the R, G and B columns of materials, given by their positions."""
-    return (3 * torch.tensor(materials, dtype=torch.int64)[:, None] + torch.arange(3)).ravel()
+@dataclass(frozen=True)
+class Extent:
+    """What of a material is known before its columns are stored.
 
+    peak      (3,) the largest f_r of each channel
+    measured  (N_CELLS,) bool
+    said      what reading it warned of
+    """
 
-def shared_cells(valid: Tensor) -> Tensor:
-    """(N_CELLS,) bool: measured in all of some materials, of packed bits (m, N_CELLS / 8)."""
-    return torch.from_numpy(np.unpackbits(np.bitwise_and.reduce(valid.numpy(), axis=0)).view(bool))
+    peak: Tensor
+    measured: Tensor
+    said: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, table: MerlTable, said: tuple[str, ...] = ()) -> "Extent":
+        """Of a table in memory."""
+        return cls(table.values[table.valid].amax(0), table.valid.reshape(N_CELLS), said)
 
 
 class ColumnSource(Protocol):
@@ -50,8 +57,8 @@ class ColumnSource(Protocol):
         """One a material, whatever its name: changes whenever its columns may have; costs no reading of them."""
         ...
 
-    def scan(self, material: int) -> tuple[Tensor, Tensor]:
-        """The largest f_r of each channel (3,) and the measured cells (N_CELLS,) bool of one material."""
+    def scan(self, material: int) -> Extent:
+        """Of one material, before any row is read."""
         ...
 
     def row(self, i: int) -> Tensor:
@@ -64,7 +71,7 @@ class ColumnSource(Protocol):
 
 
 class MerlSource:
-    """Tables in files; when scanned, those that are not `.binary` are converted to a temporary file."""
+    """Tables in files; those of the RGL database are tabulated to a temporary file when they are scanned."""
 
     def __init__(self, paths: Sequence[Path], names: Sequence[str]) -> None:
         """Keep the paths, which are sound or not: `scan` tells."""
@@ -75,25 +82,26 @@ class MerlSource:
     @property
     def stamp(self) -> str:
         """Names, sizes and modification times."""
-        states = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in self.paths]
-        return hashlib.sha256(repr(states).encode()).hexdigest()
+        return _digest([(path.name, *_state(path)) for path in self.paths])
 
     @property
     def stamps(self) -> tuple[str, ...]:
         """Where each file lies, its size and modification time."""
-        states = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in self.paths]
-        return tuple(hashlib.sha256(repr(state).encode()).hexdigest() for state in states)
+        return tuple(_digest((str(path.resolve()), *_state(path))) for path in self.paths)
 
-    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+    def scan(self, material: int) -> Extent:
         """Validates the file: see `read_table`."""
         path = self.paths[material]
-        table = read_table(path)
-        if path.suffix.lower() != _MERL_SUFFIX:
-            self._spool = self._spool or tempfile.TemporaryFile(dir=cache_folder())  # noqa: SIM115 - is gone with the source
-            self._converted[material] = self._spool.seek(0, os.SEEK_END)
-            table.values.float().contiguous().numpy().tofile(self._spool)
-            self._spool.flush()
-        return _extent(table)
+        if path.suffix.lower() != RGL_SUFFIX:
+            return Extent.of(read_table(path))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            table = read_table(path)
+        self._spool = self._spool or tempfile.TemporaryFile(dir=cache_folder())  # noqa: SIM115 - is gone with the source
+        self._converted[material] = self._spool.seek(0, os.SEEK_END)
+        table.values.float().contiguous().numpy().tofile(self._spool)
+        self._spool.flush()
+        return Extent.of(table, tuple(str(warning.message).removeprefix(f"{path}: ") for warning in caught))
 
     def row(self, i: int) -> Tensor:
         """Read with plain file access: memory-mapping 100 tables would count as 3.5 GB of resident memory."""
@@ -113,14 +121,24 @@ class MerlSource:
 
 
 class StampedSource:
-    """Materials under given names and stamps, of which a source has those that no cache does."""
+    """Materials of which caches hold some, by their stamps, and a source the others."""
 
-    def __init__(self, names: tuple[str, ...], stamps: tuple[str, ...], source: MerlSource) -> None:
-        """Those of the source are known by their names."""
-        self.names, self.stamps, self.source = names, stamps, source
-        self.stamp = hashlib.sha256(repr((names, stamps)).encode()).hexdigest()
+    def __init__(self, names: Sequence[str], held: Mapping[str, str], source: MerlSource) -> None:
+        """In the order of the names; held: stamps of those in caches, by their names."""
+        self.names, self.held, self.source = tuple(names), held, source
 
-    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+    @property
+    def stamp(self) -> str:
+        """Of all stamps and names."""
+        return _digest((self.names, self.stamps))
+
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """See ColumnSource."""
+        known = {**self.held, **dict(zip(self.source.names, self.source.stamps, strict=True))}
+        return tuple(known[name] for name in self.names)
+
+    def scan(self, material: int) -> Extent:
         """See ColumnSource."""
         return self.source.scan(material)
 
@@ -129,11 +147,8 @@ class StampedSource:
         return self.source.row(i)
 
     def subset(self, materials: Sequence[int]) -> MerlSource:
-        """See ColumnSource. Raises ValueError where it asks for what lay in a cache that is gone."""
-        places = [self.source.names.index(self.names[i]) for i in materials if self.names[i] in self.source.names]
-        if len(places) < len(materials):
-            raise ValueError("a library that was to be taken from the cache is no longer there; open it again")
-        return self.source.subset(places)
+        """See ColumnSource; of none that caches hold."""
+        return self.source.subset([self.source.names.index(self.names[i]) for i in materials])
 
 
 class TableSource:
@@ -147,7 +162,7 @@ class TableSource:
     @property
     def stamp(self) -> str:
         """Names and values."""
-        return hashlib.sha256(repr((self.names, self.stamps)).encode()).hexdigest()
+        return _digest((self.names, self.stamps))
 
     @property
     def stamps(self) -> tuple[str, ...]:
@@ -158,9 +173,9 @@ class TableSource:
         """See ColumnSource."""
         return TableSource([self.tables[i] for i in materials])
 
-    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+    def scan(self, material: int) -> Extent:
         """See ColumnSource."""
-        return _extent(self.tables[material])
+        return Extent.of(self.tables[material])
 
     def row(self, i: int) -> Tensor:
         """See ColumnSource."""
@@ -209,9 +224,9 @@ class EmbeddedSource:
             peak = torch.maximum(peak, self._kept[i][valid[i]].amax(0).double())
         return (self._HEADROOM * peak).reshape(-1, 3)
 
-    def scan(self, material: int) -> tuple[Tensor, Tensor]:
+    def scan(self, material: int) -> Extent:
         """See ColumnSource."""
-        return self._peaks[material], above_horizon().reshape(N_CELLS)
+        return Extent(self._peaks[material], above_horizon().reshape(N_CELLS))
 
     def row(self, i: int) -> Tensor:
         """See ColumnSource."""
@@ -219,5 +234,19 @@ class EmbeddedSource:
         return self.factors.row(i) if kept is None else kept
 
 
-def _extent(table: MerlTable) -> tuple[Tensor, Tensor]:
-    return table.values[table.valid].amax(0), table.valid.reshape(N_CELLS)
+def _state(path: Path) -> tuple[int, ...]:
+    """Changes whenever what is read from a file may have changed. Raises as `existing_file` where it is gone."""
+    try:
+        found = path.stat()
+    except OSError:
+        existing_file(path, "a measured table")
+        raise
+    if path.suffix.lower() != RGL_SUFFIX:
+        return found.st_size, found.st_mtime_ns
+    from torchbrdf.brdf.rgl_table import TABULATION
+
+    return found.st_size, found.st_mtime_ns, TABULATION
+
+
+def _digest(state: object) -> str:
+    return hashlib.sha256(repr(state).encode()).hexdigest()

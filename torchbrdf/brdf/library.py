@@ -12,24 +12,23 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf._combination import combined
-from torchbrdf.brdf.column_sources import (
-    ROW_CELLS,
-    EmbeddedSource,
-    MerlSource,
-    StampedSource,
-    TableSource,
-    columns_of,
-)
-from torchbrdf.brdf.library_cache import MIXTURE, StoredColumns, build_in_memory, open_or_build
-from torchbrdf.brdf.members import EMBEDDED, Member, library_members
+from torchbrdf.brdf._library_building import build_in_memory
+from torchbrdf.brdf.column_sources import EmbeddedSource, MerlSource, StampedSource, TableSource
+from torchbrdf.brdf.library_cache import MIXTURE, open_or_build
+from torchbrdf.brdf.members import Member, as_list, library_members
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
-from torchbrdf.brdf.sameness import same_measurements
+from torchbrdf.brdf.sameness import same_measurements, sampled_cells
+from torchbrdf.brdf.settings import EMBEDDED
+from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of
 from torchbrdf.files import cache_folder
 
 MIN_MATERIALS = 8
 """The fewest materials `from_merl` and `from_files` accept: fewer span no space of BRDFs."""
+
+_NAMED = 3
+"""Of many that are alike, in a message."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,52 +44,47 @@ class MaterialLibrary:
 
     @classmethod
     def default(cls, progress: bool = True) -> "MaterialLibrary":
-        """The embedded library of 100 materials: encoded, and expanded into a cache on first use."""
+        """The embedded library: encoded, and expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
         return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
 
     @classmethod
     def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":
-        """The `table_paths` of a directory, at least 8, converted once to a cache that is memory-mapped after.
-
-        Raises OSError or ValueError where the directory holds no materials or an unsound one.
-        """
-        paths = table_paths(directory)
-        folder = paths[0].parent
-        _check_enough(len(paths), str(folder), "add MERL *.binary files")
-        resolved = folder.resolve()
-        key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
-        source = MerlSource(paths, [path.stem for path in paths])
-        return cls._whole(open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress))
+        """The library of the `table_paths` of a directory, as `from_files`; raises as both."""
+        table_paths(directory)
+        return cls.from_files(directory, progress)
 
     @classmethod
-    def from_files(cls, sources: Sequence[str | os.PathLike[str]], progress: bool = True) -> "MaterialLibrary":
+    def from_files(
+        cls, sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], progress: bool = True
+    ) -> "MaterialLibrary":
         """Measured tables of folders and files, of any format that is read, and "default", the embedded library.
 
         Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, with as many
-        folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, cached as
-        those of `from_merl`, with what other caches hold of them already. Warns of tables that are one measurement.
-        Raises OSError or ValueError as `library_members`, and where a table is unsound.
+        folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, converted
+        once to a cache that is memory-mapped after; what another cache holds is taken from there.
+        Warns, whenever it is opened, of tables that are one measurement, of such as reflect twice what they get or
+        more, and of what reading them warned of. Raises OSError or ValueError as `library_members`, and where a table
+        is unsound.
         """
-        if len(sources) == 1:
-            (only,) = sources
-            if str(only) == EMBEDDED:
-                return cls.default(progress)
-            if Path(only).is_dir() and _is_plain(library_members(sources)):
-                return cls.from_merl(only, progress)._checked()
-        known = [cls.default(progress).stored] if EMBEDDED in map(str, sources) else []
-        embedded = known[0].names if known else ()
-        members = library_members(sources, embedded)
-        _check_enough(len(members), ", ".join(map(str, sources)), 'name more files or folders, or "default" too')
-        files = {member.name: member.path for member in members if member.path is not None}
-        source = MerlSource(list(files.values()), list(files))
-        stamps = dict(zip(files, source.stamps, strict=True))
+        given = as_list(sources)
+        if set(given) == {EMBEDDED}:
+            return cls.default(progress)
+        known = [cls.default(progress).stored] if EMBEDDED in given else []
+        members = library_members(given, known[0].names if known else ())
+        tables = {member.name: member.path for member in members if member.path is not None}
+        folder = next(iter(tables.values())).parent if len(given) == 1 else None
+        where = ", ".join(given) if folder is None else str(folder)
+        _check_enough(len(members), where, f'add MERL *.binary files, or name "{EMBEDDED}" too')
+        source = MerlSource(list(tables.values()), list(tables))
+        if folder is not None and Path(given[0]).is_dir() and _is_plain(members):
+            resolved = folder.resolve()
+            key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
+            stored = open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress)
+            return cls._whole(stored)._checked()
         held = iter(known[0].stamps if known else ())
-        mixed = StampedSource(
-            tuple(member.name for member in members),
-            tuple(stamps[member.name] if member.name in files else next(held) for member in members),
-            source,
-        )
+        embedded = {member.name: next(held) for member in members if member.path is None}
+        mixed = StampedSource([member.name for member in members], embedded, source)
         places = [str(member.path.resolve()) if member.path else member.name for member in members]
         return cls._mixture(mixed, places, progress, known)._checked()
 
@@ -98,10 +92,9 @@ class MaterialLibrary:
     def _mixture(
         cls, source: StampedSource, places: Sequence[str], progress: bool, known: Sequence[StoredColumns]
     ) -> "MaterialLibrary":
-        key = hashlib.sha256(repr(sorted(places)).encode()).hexdigest()[:12]
-        folder = cache_folder() / "libraries" / f"{MIXTURE}{key}"
-        stored = open_or_build(source, folder, progress, known)
-        return cls._whole(stored)
+        """The cache of what lies in these places, in this order."""
+        key = hashlib.sha256(repr(places).encode()).hexdigest()[:12]
+        return cls._whole(open_or_build(source, cache_folder() / "libraries" / f"{MIXTURE}{key}", progress, known))
 
     def __add__(self, other: "MaterialLibrary") -> "MaterialLibrary":
         """The materials of both, whose names must differ; in the cache where both are.
@@ -113,17 +106,19 @@ class MaterialLibrary:
         twice = sorted(set(self.names) & set(other.names))
         if twice:
             raise ValueError(
-                f"both libraries have {', '.join(twice[:3])}{', ...' if len(twice) > 3 else ''}; take them out of one "
-                "with without(...), or open the files together: MaterialLibrary.from_files keeps names apart"
+                f"both libraries have {', '.join(twice[:_NAMED])}{', ...' if len(twice) > _NAMED else ''}; take them "
+                "out of one with without(...), or open the files together: MaterialLibrary.from_files keeps names apart"
             )
         known = [replace(part.stored, stamps=part._stamps_of_all) for part in (self, other)]
-        stamps = tuple(
-            one.stamps[i] for one, part in zip(known, (self, other), strict=True) for i in part.materials
-        )
-        source = StampedSource(self.names + other.names, stamps, MerlSource([], []))
+        held = {
+            name: stored.stamps[i]
+            for stored, part in zip(known, (self, other), strict=True)
+            for name, i in zip(part.names, part.materials, strict=True)
+        }
+        source = StampedSource(list(held), held, MerlSource([], []))
         if self.stored.mapping is None or other.stored.mapping is None:
             return self._whole(build_in_memory(source, known))
-        return self._mixture(source, [*stamps, *source.names], False, known)
+        return self._mixture(source, [*held.values(), *held], False, known)
 
     @property
     def _stamps_of_all(self) -> tuple[str, ...]:
@@ -131,9 +126,17 @@ class MaterialLibrary:
         return stored.stamps or tuple(f"{stored.fingerprint} {i}" for i in range(len(stored.names)))
 
     def _checked(self) -> "MaterialLibrary":
-        """Itself; warns of tables that are one measurement."""
-        for one, two in same_measurements(self):
-            text = f"{one} and {two} are one measurement; a library is better without one: rename or remove a file"
+        """Itself; warns of what is to be said of its tables."""
+        for name, texts in zip(self.stored.names, self.stored.said, strict=True):
+            for text in texts:
+                warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
+        cells = sampled_cells()
+        measured = np.unpackbits(self.stored.valid.numpy(), axis=1)[:, cells.numpy()]
+        same = same_measurements(self.rows(cells), torch.from_numpy(measured.view(bool)), self.names)
+        if same:
+            some = ", ".join(f"{one} and {two}" for one, two in same[:_NAMED])
+            more = f", and {len(same) - _NAMED} pairs more" if len(same) > _NAMED else ""
+            text = f"the same measurement twice in this library, where it counts twice: {some}{more}; leave one out"
             warnings.warn(text, UserWarning, stacklevel=3)
         return self
 

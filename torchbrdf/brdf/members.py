@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from torchbrdf.brdf.merl_directory import RESULT, TABLE_SUFFIXES, table_paths
-
-EMBEDDED = "default"
-"""Names the embedded library among files."""
+from torchbrdf.brdf.merl_directory import table_paths
+from torchbrdf.brdf.settings import EMBEDDED, RESULT, RGL_SUFFIX, TABLE_SUFFIXES
+from torchbrdf.files import existing_file
 
 
 @dataclass(frozen=True)
@@ -23,24 +22,34 @@ class Member:
     path: Path | None
     name: str
 
+    @property
+    def kind(self) -> str:
+        """What its table is."""
+        if self.path is None:
+            return "embedded"
+        if self.path.suffix.lower() == RGL_SUFFIX:
+            return "RGL"
+        return "fit" if self.path.name == RESULT else "MERL"
+
 
 def library_members(
-    sources: Sequence[str | os.PathLike[str]], embedded: Sequence[str] = (), progress: bool = False
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], embedded: Sequence[str] = ()
 ) -> list[Member]:
     """The materials of folders, files, folders that `torchbrdf fit` wrote, and "default", in the order given.
 
     embedded  names of the embedded library, for "default"
-    A table that is named twice counts once, with a warning. Raises as `table_paths`; FileNotFoundError where nothing
-    is there, ValueError where a file is no table by its suffix or two in one folder are of one name.
+    A table that is named twice counts once, with a warning. Raises as `table_paths`; FileNotFoundError where nothing is
+    there, ValueError where a file is no table by its suffix or two in one folder are of one name.
     """
     labels: list[tuple[Path | None, tuple[str, ...]]] = []
     seen: dict[Path, str] = {}
-    if not sources:
+    given = as_list(sources)
+    if not given:
         raise ValueError('a library needs files, got none; name folders or files of measured tables, or "default"')
-    for source in sources:
-        if str(source) == EMBEDDED:
-            if (None, (EMBEDDED, embedded[0])) not in labels:
-                labels += [(None, (EMBEDDED, name)) for name in embedded]
+    for source in given:
+        if source == EMBEDDED:
+            own: list[tuple[Path | None, tuple[str, ...]]] = [(None, (EMBEDDED, name)) for name in embedded]
+            labels += [label for label in own if label not in labels]
             continue
         for path in _tables(Path(source)):
             resolved = path.resolve()
@@ -53,23 +62,20 @@ def library_members(
     return [Member(path, name) for (path, _), name in zip(labels, _kept_apart(labels), strict=True)]
 
 
+def as_list(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
+    """One path or several: "./default" is the folder, `EMBEDDED` is not."""
+    return [os.fspath(path) for path in ([sources] if isinstance(sources, str | os.PathLike) else sources)]
+
+
 def _tables(source: Path) -> list[Path]:
     if source.is_dir():
-        if (source / RESULT).is_file():
-            others = [path for path in table_paths(source) if path.name != RESULT]
-            return [source / RESULT, *others] if others else [source / RESULT]
-        fits = sorted(source.glob(f"*/{RESULT}"))
-        below = [path for path in source.iterdir() if path.suffix.lower() in TABLE_SUFFIXES]
-        return fits if fits and not below else table_paths(source)
-    if source.exists() and source.suffix.lower() not in TABLE_SUFFIXES:
+        return table_paths(source)
+    if not source.exists():
+        existing_file(source, f'a measured table ({", ".join(TABLE_SUFFIXES)}), a folder of them, or "{EMBEDDED}"')
+    if source.suffix.lower() not in TABLE_SUFFIXES:
         raise ValueError(
             f"{source}: no measured table by its suffix; a library takes {', '.join(TABLE_SUFFIXES)} files, folders of "
             f'them, folders of `torchbrdf fit`, and "{EMBEDDED}"'
-        )
-    if not source.exists():
-        raise FileNotFoundError(
-            f"{source}: no such file or directory; expected a measured table ({', '.join(TABLE_SUFFIXES)}), a folder "
-            f'of them, or "{EMBEDDED}"'
         )
     return [source]
 
