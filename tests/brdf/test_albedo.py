@@ -19,7 +19,7 @@ def test_a_closed_form_of_two_directions(degrees: float):
 
 
 def test_lambert_reflects_its_albedo_from_everywhere(tiny_tables: dict[str, MerlTable]):
-    expected = torch.tensor([0.8, 0.8, 0.75]).double().expand(len(ALBEDO_DEG), 3)
+    expected = torch.tensor([0.8, 0.8, 0.75], dtype=torch.float64).expand(len(ALBEDO_DEG), 3)
     assert torch.allclose(directional_albedo(tiny_tables["white"]), expected, rtol=1e-12)
 
 

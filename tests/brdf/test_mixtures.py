@@ -87,7 +87,7 @@ class TestColumnsOfCaches:
         holes = torch.rand(90, 90, 180, generator=torch.Generator().manual_seed(0)) < 0.8
         MerlTable(teal.values, teal.valid & holes).save(folders[1] / "teal.binary")
         opened(folders[0])
-        assert torch.allclose(opened(*folders).gram, in_memory(folders).gram, rtol=1e-11)
+        assert torch.allclose(opened(*folders).gram, in_memory(folders).gram, rtol=1e-3)  # float16: 2^-11 a factor
 
     def test_parts_say_what_came_from_where(self, cache: Path, folders: tuple[Path, Path]):
         before = opened(folders[0])
@@ -123,7 +123,9 @@ class TestSum:
     def test_of_one_file_under_two_names(self, cache: Path, folders: tuple[Path, Path], merl_directory: Path):
         """Whose columns are copied to both."""
         os.link(merl_directory / "red.binary", folders[1] / "red.binary")
-        apart, short = opened(*folders).subset(["own/red", "teal"]), opened(folders[0]).subset(["red"])
+        with pytest.warns(UserWarning, match="own/red and more/red"):
+            whole = opened(*folders)
+        apart, short = whole.subset(["own/red", "teal"]), opened(folders[0]).subset(["red"])
         both = apart + short
         assert both.names == ("own/red", "teal", "red")
         assert torch.equal(both.table("own/red").values, both.table("red").values)
@@ -157,7 +159,7 @@ class TestWarnings:
             before = opened(folders[0])
         (path,) = cache.rglob("manifest.json")
         manifest = json.loads(path.read_text())
-        for key in ("said", "stamps", "parts"):
+        for key in ("said", "same", "stamps", "parts"):
             del manifest[key]
         path.write_text(json.dumps(manifest))
         for _ in range(2):

@@ -10,7 +10,8 @@ def pairs(**tables: MerlTable) -> list[tuple[str, str]]:
     cells = sampled_cells()
     values = torch.cat([table.filled[cells] for table in tables.values()], 1)
     measured = torch.stack([table.valid.reshape(N_CELLS)[cells] for table in tables.values()])
-    return same_measurements(values, measured, list(tables))
+    names = list(tables)
+    return [(names[i], names[j]) for i, j in same_measurements(values, measured)]
 
 
 def test_a_factor_makes_no_other_measurement(tiny_tables: dict[str, MerlTable]):

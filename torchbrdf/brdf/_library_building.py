@@ -13,6 +13,7 @@ from torchbrdf.brdf.albedo import WRONG_ALBEDO, albedo_of, reflects_too_much
 from torchbrdf.brdf.column_sources import ColumnSource
 from torchbrdf.brdf.merl import nearest_measured
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS
+from torchbrdf.brdf.sameness import same_measurements, sampled_cells
 from torchbrdf.brdf.stored_columns import (
     ROW_CELLS,
     Part,
@@ -65,40 +66,43 @@ class Build:
             everywhere = shared_cells(self.valid)
             total = GramSum(self.scale, everywhere, self.reused)
             for i in range(GRID[0]):
-                rows = self._row(i)
+                rows, halves = self._row(i)
                 total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), rows)
-                write(i, rows)
+                write(i, halves)
                 bar.update()
         if not total.exact:
             total = GramSum(self.scale, everywhere, [])
             for i in range(GRID[0]):
-                total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), self._row(i))
+                total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), self._row(i)[0])
         self.gram = total.total()
 
-    def _row(self, i: int) -> Tensor:
-        """Row i of all columns, f_r / scale as float16."""
+    def _row(self, i: int) -> tuple[Tensor, Tensor]:
+        """Row i of all columns, f_r / scale: as exact as it is known, and as float16."""
         fresh = self.source.row(i) if self.fresh else torch.empty(ROW_CELLS, 0)
         which = columns_of(self.fresh)
-        ready = (fresh / self.scale[which].to(fresh.dtype)).half()  # exact but for the last step: of a power of two
+        exact = fresh / self.scale[which].to(fresh.dtype)  # which is a power of two
         if not self.reused:
-            return ready
-        rows = torch.empty(ROW_CELLS, 3 * len(self.names), dtype=torch.float16)
-        rows[:, which] = ready
+            return exact, exact.half()
+        halves = torch.empty(ROW_CELLS, 3 * len(self.names), dtype=torch.float16)
+        halves[:, which] = exact.half()
         for part in self.reused:
             stored = part.stored.columns[i * ROW_CELLS : (i + 1) * ROW_CELLS]
-            rows[:, _run(part.mine)] = stored[:, _run(part.theirs)].cpu()
+            halves[:, _run(part.mine)] = stored[:, _run(part.theirs)].cpu()
             part.stored.release()
-        return rows
+        rows = halves.to(exact.dtype)
+        rows[:, which] = exact
+        return rows, halves
 
     def finished(self, columns: Tensor, mapping: mmap.mmap | None = None) -> StoredColumns:
         """The library of the columns that were written, which are filled in place."""
         fill(columns, self.valid, self.fresh, mapping)
         for material, text in zip(self.fresh, brightness(columns, self.scale, self.fresh), strict=True):
             self.said[material] += text
+        same = same_in(columns, self.scale, self.valid)
         fingerprint = fingerprint_of(self.names, self.scale, columns, mapping)
         return StoredColumns(
             self.names, columns, self.scale, self.gram, self.valid, fingerprint, mapping, self.stamps,
-            tuple(self.said), self._parts(columns, mapping),
+            tuple(self.said), same, self._parts(columns, mapping),
         )  # fmt: skip
 
     def _parts(self, columns: Tensor, mapping: mmap.mmap | None) -> tuple[Part, ...]:
@@ -150,6 +154,13 @@ def brightness(columns: Tensor, scale: Tensor, materials: Sequence[int]) -> list
     said = [reflects_too_much(some, WRONG_ALBEDO) for some in albedo.split(3, dim=1)]
     advice = "is it f_r in 1/sr, without the cosine? A factor counts in every fit: divide it, or leave it out"
     return [() if text is None else (f"{text}; {advice}",) for text in said]
+
+
+def same_in(columns: Tensor, scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:
+    """Pairs of materials that are one measurement."""
+    cells = sampled_cells()
+    measured = torch.from_numpy(np.unpackbits(valid.numpy(), axis=1)[:, cells.numpy()].view(bool))
+    return tuple(same_measurements(columns[cells].double() * scale, measured))
 
 
 def _run(materials: Sequence[int]) -> Tensor | slice:

@@ -53,8 +53,7 @@ def reusable(stamps: Sequence[str], libraries: Sequence[StoredColumns]) -> tuple
 class GramSum:
     """B^T B over the cells that every material measured, a block of cells at a time; what is known is not summed anew.
 
-    B is what is stored, whatever was known. The reused library with most columns brings its own Gram matrix, which is
-    corrected where other cells are shared.
+    The reused library with most columns brings its own Gram matrix, which is corrected where other cells are shared.
     """
 
     def __init__(self, scale: Tensor, everywhere: Tensor, reused: Sequence[Reused]) -> None:
@@ -77,7 +76,7 @@ class GramSum:
         self._others = torch.nonzero(kept).ravel()
 
     def add(self, cells: slice, rows: Tensor) -> None:
-        """Rows (N, n) of f_r / scale in a block of cells, float16."""
+        """Rows (N, n) of f_r / scale in a block of cells."""
         everywhere, changed = self.everywhere[cells], self._changes[cells]
         if len(self._known) and changed.any():
             sign = torch.where(everywhere[changed], 1.0, -1.0).double()

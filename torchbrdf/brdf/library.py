@@ -19,7 +19,6 @@ from torchbrdf.brdf.members import Member, as_list, library_members
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
-from torchbrdf.brdf.sameness import same_measurements, sampled_cells
 from torchbrdf.brdf.settings import EMBEDDED
 from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of
 from torchbrdf.files import cache_folder
@@ -130,11 +129,9 @@ class MaterialLibrary:
         for name, texts in zip(self.stored.names, self.stored.said, strict=True):
             for text in texts:
                 warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
-        cells = sampled_cells()
-        measured = np.unpackbits(self.stored.valid.numpy(), axis=1)[:, cells.numpy()]
-        same = same_measurements(self.rows(cells), torch.from_numpy(measured.view(bool)), self.names)
+        same = self.stored.same
         if same:
-            some = ", ".join(f"{one} and {two}" for one, two in same[:_NAMED])
+            some = ", ".join(f"{self.stored.names[i]} and {self.stored.names[j]}" for i, j in same[:_NAMED])
             more = f", and {len(same) - _NAMED} pairs more" if len(same) > _NAMED else ""
             text = f"the same measurement twice in this library, where it counts twice: {some}{more}; leave one out"
             warnings.warn(text, UserWarning, stacklevel=3)

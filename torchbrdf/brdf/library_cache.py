@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from torchbrdf.brdf._library_building import TARGET_EXPONENT, Build, brightness
+from torchbrdf.brdf._library_building import TARGET_EXPONENT, Build, brightness, same_in
 from torchbrdf.brdf.column_sources import ColumnSource
 from torchbrdf.brdf.merl import LARGEST
 from torchbrdf.brdf.merl_grid import N_CELLS
@@ -128,6 +128,7 @@ def _open(folder: Path) -> StoredColumns:
         names, columns, **tensors, fingerprint=manifest["fingerprint"], mapping=mapping,
         stamps=tuple(manifest.get("stamps", ())),
         said=tuple(map(tuple, manifest.get("said", ()))),
+        same=tuple((i, j) for i, j in manifest.get("same", ())),
         parts=tuple(Part(key, tuple(theirs), tuple(mine)) for key, theirs, mine in manifest.get("parts", ())),
     )  # fmt: skip
 
@@ -142,9 +143,14 @@ def _map(path: Path, access: int, n_materials: int) -> tuple[mmap.mmap, Tensor]:
 def _complete(folder: Path, manifest: dict[str, Any], stamps: tuple[str, ...]) -> None:
     """Add what caches of before 0.11 do not say."""
     stored = _open(folder)
-    said = brightness(stored.columns, stored.scale, range(len(stored.names)))
+    added = {
+        "stamps": stamps,
+        "said": brightness(stored.columns, stored.scale, range(len(stored.names))),
+        "same": same_in(stored.columns, stored.scale, stored.valid),
+        "parts": [],
+    }
     with writing(folder / "manifest.json", OTHER_DISK) as temporary:
-        temporary.write_text(json.dumps(manifest | {"stamps": stamps, "said": said, "parts": []}))
+        temporary.write_text(json.dumps(manifest | added))
 
 
 def _build_folder(
@@ -178,6 +184,7 @@ def _build_folder(
             "names": source.names,
             "fingerprint": stored.fingerprint,
             "said": stored.said,
+            "same": stored.same,
             "parts": [(part.fingerprint, part.theirs, part.mine) for part in stored.parts],
         }
         (temporary / "manifest.json").write_text(json.dumps(manifest))

@@ -1,7 +1,5 @@
 """Which materials of a library are one measurement under two names."""
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor
 
@@ -25,8 +23,8 @@ def sampled_cells() -> Tensor:
     return lit[torch.arange(_CELLS) * len(lit) // _CELLS]
 
 
-def same_measurements(values: Tensor, measured: Tensor, names: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs of materials whose tables are equal but for one factor, within `SAME`, where both were measured.
+def same_measurements(values: Tensor, measured: Tensor) -> list[tuple[int, int]]:
+    """Pairs (i, j), i < j, of materials that are equal but for one factor, within `SAME`, where both were measured.
 
     values    (4096, 3 m)  f_r in `sampled_cells`
     measured  (m, 4096)    bool
@@ -36,4 +34,4 @@ def same_measurements(values: Tensor, measured: Tensor, names: Sequence[str]) ->
     squares = roots.square() @ weight.T
     cosine = roots @ roots.T / (squares * squares.T).clamp_min(torch.finfo(torch.float64).tiny).sqrt()
     close = (cosine > (1 - SAME**2) ** 0.5) & (weight @ weight.T > _LEAST_SHARED * weight.shape[1])
-    return [(names[i], names[j]) for i, j in torch.nonzero(close.triu(1)).tolist()]
+    return [(i, j) for i, j in torch.nonzero(close.triu(1)).tolist()]

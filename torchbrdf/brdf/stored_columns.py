@@ -40,7 +40,8 @@ class StoredColumns:
     valid        (m, N_CELLS / 8)  uint8, measured cells as packed bits
     fingerprint  sha256 of names, scale and columns
     stamps       (m) what each material was made from, see `ColumnSource`
-    said         (m) what its table is to be warned of; () for tables in memory
+    said         (m) what each material's table is to be warned of
+    same         pairs of materials that are one measurement
     parts        the earlier libraries from which columns were taken, and what came new; () where all is new
     """
 
@@ -53,6 +54,7 @@ class StoredColumns:
     mapping: mmap.mmap | None = None
     stamps: tuple[str, ...] = ()
     said: tuple[tuple[str, ...], ...] = ()
+    same: tuple[tuple[int, int], ...] = ()
     parts: tuple[Part, ...] = ()
 
     def prefetch(self) -> None:

@@ -82,14 +82,13 @@ def verify(
         tables.append(_verified(member, table))
         values.append(table.filled[cells].double())
         measured.append(table.valid.reshape(N_CELLS)[cells])
-    names = [table.name for table in tables]
-    same = same_measurements(torch.cat(values, 1), torch.stack(measured), names) if tables else []
+    same = same_measurements(torch.cat(values, 1), torch.stack(measured)) if tables else []
     stems = {member.path.stem for member in members if member.path is not None}
     return Verification(
         tuple(dict.fromkeys(member.path.parent for member in members if member.path is not None)),
         tuple(tables),
         unsound,
-        tuple(same),
+        tuple((tables[i].name, tables[j].name) for i, j in same),
         tuple(name for name in MERL_MATERIALS if name not in stems),
     )
 
