@@ -8,8 +8,8 @@ from torchbrdf.brdf.merl_grid import above_horizon
 SAME = 0.04
 """Sine of the angle between the square roots of two tables, as vectors, up to which they are one measurement.
 
-The embedded library and the measured tables that it encodes: at most 0.012. Most tables and what `save` wrote of them
-in the other format: 0.03. The two materials of MERL that are most alike: 0.062.
+MERL's materials in the embedded library and decoded from neural encodings: at most 0.012. The two of them that are most
+alike: 0.062. A sharp material that was saved in the other format may differ by more.
 """
 
 _CELLS = 4096

@@ -143,7 +143,7 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
 
 def add_library(parser: argparse.ArgumentParser) -> None:
     """`--library`."""
-    text = f"{LIBRARY_HELP}; once for each of several, which make one library; default: the embedded one"
+    text = f"{LIBRARY_HELP}; may be given several times, for one library of all; default: the embedded one"
     parser.add_argument("--library", action="append", metavar="PATH", help=text)
 
 
