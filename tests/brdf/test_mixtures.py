@@ -89,6 +89,19 @@ class TestColumnsOfCaches:
         opened(folders[0])
         assert torch.allclose(opened(*folders).gram, in_memory(folders).gram, rtol=1e-3)  # float16: 2^-11 a factor
 
+    def test_the_gram_matrix_of_what_two_caches_hold_and_of_what_is_new(
+        self, cache: Path, folders: tuple[Path, Path], merl_directory: Path
+    ):
+        for folder in folders:
+            opened(folder)
+        gold = merl_directory / "gold-0.3.binary"
+        library = opened(*folders, gold)
+        assert [part.mine for part in library.stored.parts] == [(0, 1), (2,), (3,)]
+        paths = [path for folder in folders for path in sorted(folder.iterdir())]
+        anew = MaterialLibrary.from_tables([MerlTable.open(path) for path in (*paths, gold)])
+        assert library.source == anew.source
+        assert torch.allclose(library.gram, anew.gram, rtol=1e-3)  # float16: 2^-11 a factor
+
     def test_parts_say_what_came_from_where(self, cache: Path, folders: tuple[Path, Path]):
         before = opened(folders[0])
         parts = opened(*folders).stored.parts

@@ -46,8 +46,8 @@ def test_a_fit_and_a_file_of_several_folders(capsys, folder: Path, merl_director
     [(("brass", "white"), ["1 of the 2 MERL materials are missing: brass"]), (("brass", "steel", "white"), [])],
 )
 def test_missing_materials_are_said_where_half_are_there(capsys, monkeypatch, folder: Path, materials, said):
-    for module in ("verification", "merl_directory"):
-        monkeypatch.setattr(f"torchbrdf.brdf.{module}.MERL_MATERIALS", materials)
+    for place in ("torchbrdf.brdf", "torchbrdf.brdf.verification"):
+        monkeypatch.setattr(f"{place}.MERL_MATERIALS", materials)
     assert [line for line in lines(capsys, folder) if "missing" in line] == said
 
 

@@ -27,6 +27,9 @@ from torchbrdf.brdf.stored_columns import (
 TARGET_EXPONENT = 11
 """Of two: where the largest value of a column is, divided by its scale."""
 
+_CELLS_AT_ONCE = 256
+"""Far from each other: the system reads ahead, and maps what is around each."""
+
 
 class Build:
     """A library in the making: `convert`, then `finished`.
@@ -64,41 +67,40 @@ class Build:
                 self.said[material] = extent.said
                 bar.update()
             everywhere = shared_cells(self.valid)
-            total = GramSum(self.scale, everywhere, self.reused)
+            total = GramSum(self.scale, everywhere, self.reused, columns_of(self.fresh))
             for i in range(GRID[0]):
-                rows, halves = self._row(i)
-                total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), rows)
+                halves, exact = self._row(i)
+                total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), halves, exact)
                 write(i, halves)
                 bar.update()
         if not total.exact:
-            total = GramSum(self.scale, everywhere, [])
+            total = GramSum(self.scale, everywhere, [], columns_of(self.fresh))
             for i in range(GRID[0]):
-                total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), self._row(i)[0])
+                total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), *self._row(i))
         self.gram = total.total()
 
     def _row(self, i: int) -> tuple[Tensor, Tensor]:
-        """Row i of all columns, f_r / scale: as exact as it is known, and as float16."""
+        """Row i of f_r / scale: of all columns as float16, and of the new ones before they are rounded."""
         fresh = self.source.row(i) if self.fresh else torch.empty(ROW_CELLS, 0)
         which = columns_of(self.fresh)
         exact = fresh / self.scale[which].to(fresh.dtype)  # which is a power of two
         if not self.reused:
-            return exact, exact.half()
+            return exact.half(), exact
         halves = torch.empty(ROW_CELLS, 3 * len(self.names), dtype=torch.float16)
         halves[:, which] = exact.half()
         for part in self.reused:
             stored = part.stored.columns[i * ROW_CELLS : (i + 1) * ROW_CELLS]
             halves[:, _run(part.mine)] = stored[:, _run(part.theirs)].cpu()
             part.stored.release()
-        rows = halves.to(exact.dtype)
-        rows[:, which] = exact
-        return rows, halves
+        return halves, exact
 
     def finished(self, columns: Tensor, mapping: mmap.mmap | None = None) -> StoredColumns:
         """The library of the columns that were written, which are filled in place."""
         fill(columns, self.valid, self.fresh, mapping)
-        for material, text in zip(self.fresh, brightness(columns, self.scale, self.fresh), strict=True):
+        rows = reader(columns, mapping)
+        for material, text in zip(self.fresh, brightness(rows, self.scale, self.fresh), strict=True):
             self.said[material] += text
-        same = same_in(columns, self.scale, self.valid)
+        same = same_in(rows, self.scale, self.valid)
         fingerprint = fingerprint_of(self.names, self.scale, columns, mapping)
         return StoredColumns(
             self.names, columns, self.scale, self.gram, self.valid, fingerprint, mapping, self.stamps,
@@ -145,22 +147,37 @@ def fill(columns: Tensor, valid: Tensor, materials: Sequence[int], mapping: mmap
             release(mapping)
 
 
-def brightness(columns: Tensor, scale: Tensor, materials: Sequence[int]) -> list[tuple[str, ...]]:
-    """For each of some materials that reflect far more than they get what to say of it, else nothing."""
+def reader(columns: Tensor, mapping: mmap.mmap | None) -> Callable[[Tensor], Tensor]:
+    """Columns in some cells; what was read for that leaves the memory of this process at once."""
+
+    def rows(cells: Tensor) -> Tensor:
+        found = columns[cells]
+        release(mapping)
+        return found
+
+    return rows
+
+
+def brightness(rows: Callable[[Tensor], Tensor], scale: Tensor, materials: Sequence[int]) -> list[tuple[str, ...]]:
+    """For each of some materials that reflect far more than they get what to say of it, else nothing.
+
+    rows  f_r / scale (r, n) of all columns in cells (r,)
+    """
     if not materials:
         return []
     which = _run(materials)
-    albedo = albedo_of(lambda cells: columns[cells][:, which]) * scale[which]
+    albedo = albedo_of(lambda cells: rows(cells)[:, which]) * scale[which]
     said = [reflects_too_much(some, WRONG_ALBEDO) for some in albedo.split(3, dim=1)]
     advice = "is it f_r in 1/sr, without the cosine? A factor counts in every fit: divide it, or leave it out"
     return [() if text is None else (f"{text}; {advice}",) for text in said]
 
 
-def same_in(columns: Tensor, scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:
-    """Pairs of materials that are one measurement."""
+def same_in(rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:
+    """Pairs of materials that are one measurement; rows as of `brightness`."""
     cells = sampled_cells()
-    measured = torch.from_numpy(np.unpackbits(valid.numpy(), axis=1)[:, cells.numpy()].view(bool))
-    return tuple(same_measurements(columns[cells].double() * scale, measured))
+    measured = (valid[:, cells // 8] >> (7 - cells % 8)) & 1  # as numpy packs bits
+    values = torch.cat([rows(some) for some in cells.split(_CELLS_AT_ONCE)])
+    return tuple(same_measurements(values.double() * scale, measured.bool()))
 
 
 def _run(materials: Sequence[int]) -> Tensor | slice:

@@ -12,6 +12,9 @@ from torchbrdf.brdf.stored_columns import Part, StoredColumns, columns_of, share
 _LOST_DIGITS = 1e-5
 """Of a diagonal of the Gram matrix: where less is left after a subtraction, the sum is taken anew."""
 
+_ROWS_AT_ONCE = 512
+"""Of 1,500 columns 6 MB, which stay in the processor's cache while a few of them are multiplied with all."""
+
 
 @dataclass(frozen=True)
 class Reused:
@@ -56,10 +59,11 @@ class GramSum:
     The reused library with most columns brings its own Gram matrix, which is corrected where other cells are shared.
     """
 
-    def __init__(self, scale: Tensor, everywhere: Tensor, reused: Sequence[Reused]) -> None:
-        """For columns stored as f_r / scale (n,), and the cells (N_CELLS,) bool that every material measured."""
+    def __init__(self, scale: Tensor, everywhere: Tensor, reused: Sequence[Reused], fresh: Tensor) -> None:
+        """For columns stored as f_r / scale (n,), of which some (k,) are new, and the cells that all measured."""
         n = len(scale)
-        self.scale, self.everywhere, self._known = scale, everywhere, torch.zeros(0, dtype=torch.int64)
+        self.scale, self.everywhere, self.fresh = scale, everywhere, fresh
+        self._known = torch.zeros(0, dtype=torch.int64)
         self.gram = torch.zeros(n, n, dtype=torch.float64)  # of f_r / scale
         self._changes = torch.zeros_like(everywhere)
         base = max(reused, key=lambda part: len(part.mine), default=None)
@@ -75,21 +79,31 @@ class GramSum:
         kept[self._known] = False
         self._others = torch.nonzero(kept).ravel()
 
-    def add(self, cells: slice, rows: Tensor) -> None:
-        """Rows (N, n) of f_r / scale in a block of cells."""
-        everywhere, changed = self.everywhere[cells], self._changes[cells]
-        if len(self._known) and changed.any():
+    def add(self, cells: slice, halves: Tensor, exact: Tensor) -> None:
+        """f_r / scale in a block of cells: (N, n) float16, and (N, k) of the new columns before they were rounded."""
+        everywhere, known = self.everywhere[cells], self._known
+        if not len(known):
+            self.gram += lower_gram(self._rows(halves, exact, everywhere).T)
+            return
+        changed = self._changes[cells]
+        if changed.any():
             sign = torch.where(everywhere[changed], 1.0, -1.0).double()
-            some = rows[changed][:, self._known].double()
-            self.gram[self._known[:, None], self._known] += (some * sign[:, None]).T @ some
-        if not len(self._known):
-            self.gram += lower_gram(rows[everywhere].double().T)
-        elif len(self._others):
-            shared = rows[everywhere].double()
-            product = shared[:, self._others].T @ shared
+            some = halves[changed][:, known].double()
+            self.gram[known[:, None], known] += (some * sign[:, None]).T @ some
+        if len(self._others):
+            product = self.gram.new_zeros(len(self._others), len(self.gram))
+            for some in torch.nonzero(everywhere).ravel().split(_ROWS_AT_ONCE):
+                shared = self._rows(halves, exact, some)
+                product += shared[:, self._others].T @ shared
             self.gram[self._others] += product
-            both = self._known
-            self.gram[both[:, None], self._others] += product[:, both].T
+            self.gram[known[:, None], self._others] += product[:, known].T
+
+    def _rows(self, halves: Tensor, exact: Tensor, some: Tensor) -> Tensor:
+        if len(self.fresh) == halves.shape[1]:
+            return exact[some].double()
+        rows = halves[some].double()
+        rows[:, self.fresh] = exact[some].double()
+        return rows
 
     @property
     def exact(self) -> bool:

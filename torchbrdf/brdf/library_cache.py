@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from torchbrdf.brdf._library_building import TARGET_EXPONENT, Build, brightness, same_in
+from torchbrdf.brdf._library_building import TARGET_EXPONENT, Build, brightness, reader, same_in
 from torchbrdf.brdf.column_sources import ColumnSource
 from torchbrdf.brdf.merl import LARGEST
 from torchbrdf.brdf.merl_grid import N_CELLS
@@ -143,10 +143,11 @@ def _map(path: Path, access: int, n_materials: int) -> tuple[mmap.mmap, Tensor]:
 def _complete(folder: Path, manifest: dict[str, Any], stamps: tuple[str, ...]) -> None:
     """Add what caches of before 0.11 do not say."""
     stored = _open(folder)
+    rows = reader(stored.columns, stored.mapping)
     added = {
         "stamps": stamps,
-        "said": brightness(stored.columns, stored.scale, range(len(stored.names))),
-        "same": same_in(stored.columns, stored.scale, stored.valid),
+        "said": brightness(rows, stored.scale, range(len(stored.names))),
+        "same": same_in(rows, stored.scale, stored.valid),
         "parts": [],
     }
     with writing(folder / "manifest.json", OTHER_DISK) as temporary:

@@ -119,6 +119,6 @@ def fingerprint_of(
     digest = hashlib.sha256(repr(names).encode() + scale.numpy().tobytes())
     for start in range(0, N_CELLS, ROW_CELLS):
         rows = columns[start : start + ROW_CELLS]
-        digest.update((rows if which is None else rows[:, which]).numpy().tobytes())
+        digest.update((rows if which is None else rows[:, which]).numpy().data)
         release(mapping)
     return digest.hexdigest()

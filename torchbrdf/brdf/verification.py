@@ -63,9 +63,7 @@ class Verification:
         return tuple(table.name for table in self.tables)
 
 
-def verify(
-    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], progress: bool = False
-) -> Verification:
+def verify(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], progress: bool = False) -> Verification:
     """Read all tables of folders and files, as `MaterialLibrary.from_files` takes and names them; say what they are.
 
     Raises as `library_members`. Tables that are not sound are named in what it returns.
