@@ -6,8 +6,8 @@
 The materials are random mixtures of the embedded library's columns, which no file holds: what is timed is the
 conversion, the Gram matrix and the writing; with --transport also what is precomputed for basis images. Error: of the
 Gram matrix of the library that grew, against the same one built anew, relative to the norms of the columns, where 2^-11
-is what columns are rounded by; of basis images of a sphere, by the transport of the grown library against that of the one
-before, relative to their root mean square. SCRATCH needs 14 GB while it runs.
+is what columns are rounded by; of basis images of a sphere, by the transport of the grown library against that of the
+one before, relative to their root mean square. SCRATCH needs 14 GB while it runs.
 """
 
 import argparse

@@ -15,7 +15,8 @@ import pytest
 import torch
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable
-from torchbrdf.brdf.column_sources import MerlSource
+from torchbrdf.brdf.column_sources import MerlSource, TableSource
+from torchbrdf.brdf.library_cache import open_or_build
 
 
 @pytest.fixture
@@ -74,6 +75,13 @@ class TestColumnsOfCaches:
         grown = opened(*folders)
         assert read == ["teal"]
         assert grown.source == in_memory(folders).source
+
+    def test_nothing_is_taken_where_nothing_shall_be(self, cache: Path, tiny_tables: dict[str, MerlTable]):
+        source = TableSource([tiny_tables["red"]])
+        (cache / "libraries").mkdir(parents=True)
+        for name, known, parts in (("a", (), 0), ("b", (), 1), ("c", None, 0)):
+            stored = open_or_build(source, cache / "libraries" / name, False, known)
+            assert len(stored.parts) == parts, name
 
     def test_a_changed_file_is_read_again(self, cache: Path, folders: tuple[Path, Path]):
         opened(*folders)

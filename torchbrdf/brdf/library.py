@@ -45,7 +45,7 @@ class MaterialLibrary:
     def default(cls, progress: bool = True) -> "MaterialLibrary":
         """The embedded library: encoded, and expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
-        return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
+        return cls._whole(open_or_build(EmbeddedSource(), folder, progress, known=None))
 
     @classmethod
     def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":

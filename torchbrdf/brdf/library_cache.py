@@ -35,11 +35,12 @@ _KEPT_MIXTURES = 8
 
 
 def open_or_build(
-    source: ColumnSource, folder: Path, progress: bool, known: Sequence[StoredColumns] = ()
+    source: ColumnSource, folder: Path, progress: bool, known: Sequence[StoredColumns] | None = ()
 ) -> StoredColumns:
     """The cache in `folder`, built first where it is absent, damaged or older than its sources.
 
-    known  libraries whose columns are taken before those that other caches beside `folder` hold
+    known  libraries whose columns are taken before those that other caches beside `folder` hold; None to take none,
+           so that the Gram matrix is the same to the bit whatever was opened before
     Raises OSError where the disk has no room; ValueError where a source changes while it is read.
     """
     from filelock import FileLock
@@ -50,7 +51,8 @@ def open_or_build(
         manifest = _manifest(folder)
         if manifest is None or manifest.get("stamp") != source.stamp:
             _remove_leftovers(folder)
-            _build_folder(source, stamps, folder, progress, [*known, *_caches(folder, stamps)])
+            held = [] if known is None else [*known, *_caches(folder, stamps)]
+            _build_folder(source, stamps, folder, progress, held)
             _clear(folder)
         elif "said" not in manifest:
             _complete(folder, manifest, stamps)
