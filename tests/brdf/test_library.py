@@ -461,8 +461,8 @@ class TestFromMerl:
     ):
         """No `finally` runs in a process that is killed."""
         code = ONE_IS_ENOUGH + (
-            "import os, sys; from torchbrdf.brdf import library_cache, MaterialLibrary\n"
-            "library_cache._fill = lambda *_: os._exit(9)\n"
+            "import os, sys; from torchbrdf.brdf import _library_building, MaterialLibrary\n"
+            "_library_building.fill = lambda *_: os._exit(9)\n"
             "MaterialLibrary.from_merl(sys.argv[1], progress=False)"
         )
         ran = subprocess.run([sys.executable, "-c", code, str(two_files)], capture_output=True)

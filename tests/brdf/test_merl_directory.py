@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchbrdf.brdf.merl_directory import MERL_MATERIALS, table_paths, verify
+from torchbrdf.brdf.merl_directory import MERL_MATERIALS, table_paths
 
 
 def test_the_hundred_names_are_those_of_the_database(shared_data: Path):
@@ -61,15 +61,14 @@ def test_two_tables_of_one_name(tmp_path: Path, second: str):
         table_paths(tmp_path)
 
 
-@pytest.mark.parametrize("read", [table_paths, verify])
-def test_absent_and_empty_directories(tmp_path: Path, read):
+def test_absent_and_empty_directories(tmp_path: Path):
     with pytest.raises(FileNotFoundError, match=r"gone: no such directory; expected a folder of MERL \*\.binary"):
-        read(tmp_path / "gone")
+        table_paths(tmp_path / "gone")
     with pytest.raises(ValueError, match=r"holds no materials; expected MERL \*\.binary files, found nothing$"):
-        read(tmp_path)
+        table_paths(tmp_path)
     (tmp_path / "brass.binary").write_bytes(b"")
     with pytest.raises(NotADirectoryError, match=r"brass\.binary: is a file; expected a folder of MERL"):
-        read(tmp_path / "brass.binary")
+        table_paths(tmp_path / "brass.binary")
 
 
 def test_what_lies_there_instead_of_tables_is_said(tmp_path: Path):
@@ -83,34 +82,35 @@ def test_what_lies_there_instead_of_tables_is_said(tmp_path: Path):
     )
 
 
-def test_verify_says_what_is_sound_what_is_wrong_and_what_is_missing(merl_directory: Path, tmp_path: Path):
-    sound = merl_directory / "white.binary"
-    os.link(sound, tmp_path / "brass.binary")
-    os.link(sound, tmp_path / "my-own-paint.binary")
-    whole = sound.read_bytes()
-    (tmp_path / "chrome.binary").write_bytes(whole[:-8])
-    (tmp_path / "nylon.binary").write_bytes(whole + b"\0")
-    (tmp_path / "steel.binary").write_bytes(np.array([180, 90, 90], "<i4").tobytes() + whole[12:])
-    (tmp_path / "teflon.binary").write_bytes(whole[:12] + np.array([np.nan], "<f8").tobytes() + whole[20:])
-    (tmp_path / "pvc.binary").mkdir()
-    (tmp_path / "._brass.binary").write_bytes(b"\0\5\x16\7")
-    report = verify(tmp_path)
-    assert report.folder == tmp_path
-    assert set(report.sound) == {"brass", "my-own-paint"}
-    assert set(report.unsound) == {"chrome", "nylon", "steel", "teflon", "pvc"}
-    assert "truncated" in report.unsound["chrome"]
-    assert "oversized" in report.unsound["nylon"]
-    assert "(180, 90, 90)" in report.unsound["steel"]
-    assert "1 cells of the table are NaN or infinite" in report.unsound["teflon"]
-    assert all("\n" not in reason for reason in report.unsound.values())
-    assert len(report.missing) == 100 - 6
-    assert "alum-bronze" in report.missing
-    assert not {"brass", "chrome", "steel"} & set(report.missing)
+def result(folder: Path) -> Path:
+    """What `fit --uncertainty` leaves in a folder."""
+    folder.mkdir(parents=True)
+    for name in ("brdf.binary", "brdf_std.binary", "weights.json"):
+        (folder / name).write_bytes(b"")
+    return folder
 
 
-def test_verify_calls_a_table_without_one_measured_cell_unsound(tmp_path: Path):
-    blank = np.array([90, 90, 180], "<i4").tobytes() + np.full(3 * 1458000, -1.0, "<f8").tobytes()
-    (tmp_path / "nickel.binary").write_bytes(blank)
-    report = verify(tmp_path)
-    assert report.sound == ()
-    assert "measured" in report.unsound["nickel"]
+def test_of_a_result_it_is_the_brdf_alone(tmp_path: Path):
+    assert table_paths(result(tmp_path / "mug")) == [tmp_path / "mug" / "brdf.binary"]
+
+
+def test_results_of_several_photographs(tmp_path: Path):
+    """And none that is being written."""
+    for name in ("mug", "cup", ".cup.5f3a"):
+        result(tmp_path / name)
+    assert [path.parent.name for path in table_paths(tmp_path)] == ["cup", "mug"]
+
+
+def test_results_and_tables_in_folders_of_one_are_several(tmp_path: Path):
+    result(tmp_path / "mug")
+    (tmp_path / "merl").mkdir()
+    (tmp_path / "merl" / "brass.binary").write_bytes(b"")
+    with pytest.raises(ValueError, match="2 folders in it hold MERL"):
+        table_paths(tmp_path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_folder_that_must_not_be_read(tmp_path: Path):
+    (tmp_path / "locked").mkdir(mode=0o000)
+    with pytest.raises(PermissionError, match="locked: no permission to read this folder; change that"):
+        table_paths(tmp_path / "locked")

@@ -105,3 +105,35 @@ class TestFolderOfFit:
         (tmp_path / "other").mkdir()
         line = fails(capsys, command, tmp_path / "other", "--probe", "default", "-o", tmp_path / "x.exr")
         assert line.endswith("other: no brdf.binary in this folder; name a MERL table or a folder of `torchbrdf fit`")
+
+
+class TestMixture:
+    """Of a folder and a file beside it, as `--library`."""
+
+    @pytest.fixture
+    def library(self, merl_directory: Path, tmp_path: Path) -> list[str]:
+        (tmp_path / "my tables").mkdir()
+        *seven, last = sorted(merl_directory.iterdir())
+        for path in seven:
+            os.link(path, tmp_path / "my tables" / path.name)
+        os.link(last, tmp_path / "another.binary")
+        return ["--library", str(tmp_path / "my tables"), "--library", str(tmp_path / "another.binary")]
+
+    def test_classes(self, capsys, library: list[str]):
+        assert main(["classes", *library]) == 0
+        assert "another" in capsys.readouterr().out
+
+    def test_a_photograph_after_it(self, capsys, library: list[str], photo: Path, tmp_path: Path):
+        output = tmp_path / "mug"
+        assert main(["fit", *library, str(photo), "--probe", "default", "--no-report", "-o", str(output)]) == 0
+        assert (output / "brdf.binary").is_file()
+
+    def test_a_result_joins(self, capsys, library: list[str], merl_directory: Path, tmp_path: Path):
+        (tmp_path / "mug").mkdir()
+        for name in ("brdf.binary", "brdf_std.binary"):
+            os.link(merl_directory / "red.binary", tmp_path / "mug" / name)
+        assert main(["classes", *library, "--library", str(tmp_path / "mug")]) == 0
+        captured = capsys.readouterr()
+        assert "mug" in captured.out
+        assert "brdf_std" not in captured.out
+        assert "twice in this library, where it counts twice: red and mug; leave one out" in captured.err

@@ -1,4 +1,4 @@
-from math import cos, pi
+from math import pi
 
 import pytest
 import torch
@@ -6,7 +6,7 @@ import torch
 from columns import all_values, tiny_bounds
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.brdf.merl import GRID, N_CELLS, MerlTable, above_horizon
-from torchbrdf.estimation.energy_bounds import EnergyBounds, albedo_rule, depth_below_zero
+from torchbrdf.estimation.energy_bounds import EnergyBounds, depth_below_zero
 
 
 @pytest.fixture(scope="module")
@@ -19,16 +19,6 @@ def test_lambert_has_its_albedo(bounds: EnergyBounds, tiny_library: MaterialLibr
     white = 3 * tiny_library.position("white")
     expected = torch.tensor([0.8, 0.8, 0.75], dtype=torch.float64).expand(len(bounds.view_angles), 3)
     assert torch.allclose(bounds.albedo[:, white : white + 3], expected, rtol=5e-4)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0, 70.0, 85.0, 89.0])
-def test_a_closed_form_of_two_directions(degrees: float):
-    """f_r = cos(theta_d)^2 = (1 + w_i . w_o) / 2, times cos(theta_i), integrates to pi / 2 + pi cos(theta_o) / 3."""
-    cells, weights = albedo_rule(degrees * pi / 180)
-    theta_d = (cells // GRID[2] % GRID[1] + 0.5) / GRID[1] * (pi / 2)
-    expected = pi / 2 + pi * cos(degrees * pi / 180) / 3
-    assert float(weights @ torch.cos(theta_d.double()) ** 2) == pytest.approx(expected, rel=2e-3)
-    assert float(weights.sum()) == pytest.approx(pi, rel=1e-12)
 
 
 @pytest.mark.parametrize(("name", "rtol"), [("satin-0.35", 0.01), ("plastic-0.1", 0.02), ("copper-0.08", 0.03)])

@@ -22,9 +22,10 @@ from torch import Tensor
 
 import torchbrdf as tb
 from stability_cases import CASES, LABELS, Case, classes_of, photograph, synthetic
+from torchbrdf.brdf import columns_of
+from torchbrdf.brdf._library_building import build_in_memory
 from torchbrdf.brdf.column_sources import EmbeddedSource
 from torchbrdf.brdf.library import MaterialLibrary
-from torchbrdf.brdf.library_cache import build_in_memory, columns_of
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.estimation.reconstruction import Reconstruction

@@ -1,4 +1,9 @@
-from .column_sources import ROW_CELLS as ROW_CELLS
+from .albedo import (
+    ALBEDO_DEG as ALBEDO_DEG,
+    albedo_rule as albedo_rule,
+    directional_albedo as directional_albedo,
+    reflects_too_much as reflects_too_much,
+)
 from .difference import (
     BRDFDifference as BRDFDifference,
     cell_difference as cell_difference,
@@ -10,15 +15,10 @@ from .directions import (
 )
 from .gram import lower_gram as lower_gram
 from .library import MaterialLibrary as MaterialLibrary
-from .library_cache import (
-    StoredColumns as StoredColumns,
-    columns_of as columns_of,
-)
 from .merl import MerlTable as MerlTable, nearest_measured as nearest_measured
 from .merl_directory import (
     MERL_MATERIALS as MERL_MATERIALS,
     table_paths as table_paths,
-    verify as verify,
 )
 from .merl_grid import (
     GRID as GRID,
@@ -38,8 +38,22 @@ from .norms import (
 )
 from .settings import (
     METRIC_NAMES as METRIC_NAMES,
+    RESULT as RESULT,
+    RESULT_STD as RESULT_STD,
     RGL_SUFFIX as RGL_SUFFIX,
     TABLE_SUFFIX as TABLE_SUFFIX,
+    TABLE_SUFFIXES as TABLE_SUFFIXES,
+)
+from .stored_columns import (
+    ROW_CELLS as ROW_CELLS,
+    Part as Part,
+    StoredColumns as StoredColumns,
+    columns_of as columns_of,
 )
 from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture
+from .verification import (
+    Verification as Verification,
+    VerifiedTable as VerifiedTable,
+    verify as verify,
+)

@@ -4,9 +4,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
-from torchbrdf.brdf.column_sources import ROW_CELLS
-from torchbrdf.brdf.library_cache import StoredColumns
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS
+from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns
 
 _BLOCK_CELLS = ROW_CELLS // 2
 """Rows of a block: with 300 columns it is 10 MB in float32, which a processor's cache holds."""

@@ -2,22 +2,32 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf._combination import combined
-from torchbrdf.brdf.column_sources import ROW_CELLS, EmbeddedSource, MerlSource, TableSource
-from torchbrdf.brdf.library_cache import StoredColumns, build_in_memory, columns_of, open_or_build
+from torchbrdf.brdf._library_building import build_in_memory
+from torchbrdf.brdf.column_sources import EmbeddedSource, MerlSource, StampedSource, TableSource
+from torchbrdf.brdf.library_cache import MIXTURE, open_or_build
+from torchbrdf.brdf.members import Member, as_list, library_members
 from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
+from torchbrdf.brdf.settings import EMBEDDED
+from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of
 from torchbrdf.files import cache_folder
 
 MIN_MATERIALS = 8
-"""The fewest materials `from_merl` accepts: fewer span no space of BRDFs."""
+"""The fewest materials `from_merl` and `from_files` accept: fewer span no space of BRDFs."""
+
+_NAMED = 3
+"""Of many that are alike, in a message."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,24 +45,98 @@ class MaterialLibrary:
     def default(cls, progress: bool = True) -> "MaterialLibrary":
         """The embedded library of 116 materials: encoded, and expanded into a cache on first use."""
         folder = cache_folder() / "libraries" / "default"
-        return cls._whole(open_or_build(EmbeddedSource(), folder, progress))
+        return cls._whole(open_or_build(EmbeddedSource(), folder, progress, known=None))
 
     @classmethod
     def from_merl(cls, directory: str | os.PathLike[str], progress: bool = True) -> "MaterialLibrary":
-        """The `table_paths` of a directory, at least 8, converted once to a cache that is memory-mapped after.
+        """The library of the `table_paths` of a directory, as `from_files`; raises as both."""
+        table_paths(directory)
+        return cls.from_files(directory, progress)
 
-        Raises OSError or ValueError where the directory holds no materials or an unsound one.
+    @classmethod
+    def from_files(
+        cls, sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], progress: bool = True
+    ) -> "MaterialLibrary":
+        """Measured tables of folders and files, of any format that is read, and "default", the embedded library.
+
+        Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, with as many
+        folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, converted
+        once to a cache that is memory-mapped after; what another cache holds is taken from there.
+        Warns, whenever it is opened, of tables that are one measurement, of such as reflect twice what they get or
+        more, and of what reading them warned of. Raises OSError or ValueError as `library_members`, and where a table
+        is unsound.
         """
-        source = MerlSource(directory)
-        if len(source.names) < MIN_MATERIALS:
+        given = as_list(sources)
+        if set(given) == {EMBEDDED}:
+            return cls.default(progress)
+        known = [cls.default(progress).stored] if EMBEDDED in given else []
+        members = library_members(given, known[0].names if known else ())
+        tables = {member.name: member.path for member in members if member.path is not None}
+        folder = next(iter(tables.values())).parent if len(given) == 1 else None
+        where = ", ".join(given) if folder is None else str(folder)
+        _check_enough(len(members), where, f'add MERL *.binary files, or name "{EMBEDDED}" too')
+        source = MerlSource(list(tables.values()), list(tables))
+        if folder is not None and Path(given[0]).is_dir() and _is_plain(members):
+            resolved = folder.resolve()
+            key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
+            stored = open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress)
+            return cls._whole(stored)._checked()
+        held = iter(known[0].stamps if known else ())
+        embedded = {member.name: next(held) for member in members if member.path is None}
+        mixed = StampedSource([member.name for member in members], embedded, source)
+        places = [str(member.path.resolve()) if member.path else member.name for member in members]
+        return cls._mixture(mixed, places, progress, known)._checked(embedded)
+
+    @classmethod
+    def _mixture(
+        cls, source: StampedSource, places: Sequence[str], progress: bool, known: Sequence[StoredColumns]
+    ) -> "MaterialLibrary":
+        """The cache of what lies in these places, in this order."""
+        key = hashlib.sha256(repr(places).encode()).hexdigest()[:12]
+        return cls._whole(open_or_build(source, cache_folder() / "libraries" / f"{MIXTURE}{key}", progress, known))
+
+    def __add__(self, other: "MaterialLibrary") -> "MaterialLibrary":
+        """The materials of both, whose names must differ; in the cache where both are.
+
+        Columns are copied, not computed anew.
+        """
+        if not isinstance(other, MaterialLibrary):
+            return NotImplemented
+        twice = sorted(set(self.names) & set(other.names))
+        if twice:
             raise ValueError(
-                f"{source.folder}: a library needs at least {MIN_MATERIALS} materials, found {len(source.names)}; "
-                "add MERL *.binary files"
+                f"both libraries have {', '.join(twice[:_NAMED])}{', ...' if len(twice) > _NAMED else ''}; take them "
+                "out of one with without(...), or open the files together: MaterialLibrary.from_files keeps names apart"
             )
-        resolved = source.folder.resolve()
-        key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
-        folder = cache_folder() / "libraries" / f"{resolved.name}-{key}"
-        return cls._whole(open_or_build(source, folder, progress))
+        known = [replace(part.stored, stamps=part._stamps_of_all) for part in (self, other)]
+        held = {
+            name: stored.stamps[i]
+            for stored, part in zip(known, (self, other), strict=True)
+            for name, i in zip(part.names, part.materials, strict=True)
+        }
+        source = StampedSource(list(held), held, MerlSource([], []))
+        if self.stored.mapping is None or other.stored.mapping is None:
+            return self._whole(build_in_memory(source, known))
+        return self._mixture(source, [*held.values(), *held], False, known)
+
+    @property
+    def _stamps_of_all(self) -> tuple[str, ...]:
+        stored = self.stored
+        return stored.stamps or tuple(f"{stored.fingerprint} {i}" for i in range(len(stored.names)))
+
+    def _checked(self, embedded: Collection[str] = ()) -> "MaterialLibrary":
+        """Itself; warns of what is to be said of its tables, but of no two that are both embedded."""
+        for name, texts in zip(self.stored.names, self.stored.said, strict=True):
+            for text in texts:
+                warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
+        pairs = [(self.stored.names[i], self.stored.names[j]) for i, j in self.stored.same]
+        same = [(one, two) for one, two in pairs if one not in embedded or two not in embedded]
+        if same:
+            some = ", ".join(f"{one} and {two}" for one, two in same[:_NAMED])
+            more = f", and {len(same) - _NAMED} pairs more" if len(same) > _NAMED else ""
+            text = f"the same measurement twice in this library, where it counts twice: {some}{more}; leave one out"
+            warnings.warn(text, UserWarning, stacklevel=3)
+        return self
 
     @classmethod
     def from_tables(cls, tables: Sequence[MerlTable]) -> "MaterialLibrary":
@@ -193,6 +277,16 @@ class MaterialLibrary:
 def _unpacked(bits: Tensor) -> Tensor:
     """(90, 90, 180) bool of packed bits."""
     return torch.from_numpy(np.unpackbits(bits.numpy()).view(bool)).reshape(GRID)
+
+
+def _is_plain(members: Sequence[Member]) -> bool:
+    """Whether all are named as the tables of one folder are."""
+    return all(member.path is not None and member.name == member.path.stem for member in members)
+
+
+def _check_enough(count: int, where: str, remedy: str) -> None:
+    if count < MIN_MATERIALS:
+        raise ValueError(f"{where}: a library needs at least {MIN_MATERIALS} materials, found {count}; {remedy}")
 
 
 def _check_different(names: Sequence[str]) -> None:

@@ -1,13 +1,10 @@
-"""A directory of MERL files: which of them are sound, and which of the 100 materials are there [MPBM03]."""
+"""A directory of measured tables, and the names of the 100 materials of MERL [MPBM03]."""
 
 import os
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
-from torchbrdf.brdf.merl import MerlTable
+from torchbrdf.brdf.settings import RESULT, RESULT_STD, TABLE_SUFFIXES
 
 MERL_MATERIALS = tuple(
     """
@@ -31,40 +28,32 @@ MERL_MATERIALS = tuple(
 """The 100 materials of the MERL database, as their files are named."""
 
 
-TABLE_SUFFIXES = (".binary", ".fullbin")
-"""Of MERL tables, in lower case; the header of each tells what it is."""
-
 _MOST_KINDS = 4
 
 
-@dataclass(frozen=True)
-class DirectoryReport:
-    """What `verify` found in a folder: sound tables, unsound ones with what is wrong, and missing MERL materials."""
-
-    folder: Path
-    sound: tuple[str, ...]
-    unsound: dict[str, str]
-    missing: tuple[str, ...]
-
-
 def table_paths(directory: str | os.PathLike[str]) -> list[Path]:
-    """The tables of a directory, sorted by name: its `.binary` and `.fullbin` files, in capitals or not.
+    """The tables of a directory, sorted by name: its `.binary`, `.fullbin` and `.bsdf` files, in capitals or not.
 
-    Where it has none, those of the one folder in it that has. Names that begin with a dot are of no table: macOS leaves
-    such a file beside each. Raises FileNotFoundError or NotADirectoryError; ValueError where there is no table, several
-    folders have some, or two are of one name.
+    Where it has none, those of the one folder in it that has, or the tables of all folders in it that `torchbrdf fit`
+    wrote. Names that begin with a dot are of no table: macOS leaves such a file beside each; brdf_std.binary beside
+    brdf.binary is none either. Raises FileNotFoundError, NotADirectoryError or PermissionError; ValueError where there
+    is no table, several folders have some, or two are of one name.
     """
     directory = Path(directory)
     if not directory.is_dir():
         if directory.exists():
             raise NotADirectoryError(f"{directory}: is a file; expected a folder of MERL *.binary files")
         raise FileNotFoundError(f"{directory}: no such directory; expected a folder of MERL *.binary files")
+    if not os.access(directory, os.R_OK | os.X_OK):
+        raise PermissionError(f"{directory}: no permission to read this folder; change that (chmod), or name a copy")
     paths = _tables_in(directory)
     if not paths:
         folders = [path for path in _seen(directory) if path.is_dir()]
         below = [found for found in map(_tables_in, folders) if found]
         if not below:
             raise ValueError(f"{directory}: holds no materials; expected MERL *.binary files, found {_held(directory)}")
+        if all(found[0].name == RESULT for found in below):
+            return [path for found in below for path in found]
         if len(below) > 1:
             names = ", ".join(str(found[0].parent) for found in below)
             raise ValueError(f"{directory}: {len(below)} folders in it hold MERL *.binary files; name one: {names}")
@@ -77,37 +66,29 @@ def table_paths(directory: str | os.PathLike[str]) -> list[Path]:
     return paths
 
 
-def _seen(directory: Path) -> list[Path]:
-    """What a folder holds, less names that begin with a dot; nothing where it must not be read."""
+def _listed(directory: Path) -> list[Path]:
+    """What a folder holds, sorted by name; nothing where it must not be read."""
     try:
-        return sorted(path for path in directory.iterdir() if not path.name.startswith("."))
+        return sorted(directory.iterdir())
     except PermissionError:
         return []
 
 
+def _seen(directory: Path) -> list[Path]:
+    """What a folder holds, less names that begin with a dot."""
+    return [path for path in _listed(directory) if not path.name.startswith(".")]
+
+
 def _tables_in(directory: Path) -> list[Path]:
-    return [path for path in _seen(directory) if path.suffix.lower() in TABLE_SUFFIXES]
+    found = [path for path in _seen(directory) if path.suffix.lower() in TABLE_SUFFIXES]
+    fitted = any(path.name == RESULT for path in found)
+    return [path for path in found if not (fitted and path.name == RESULT_STD)]
 
 
 def _held(directory: Path) -> str:
     """What a folder holds instead of tables, the most frequent kinds first."""
     kinds = Counter("folder" if path.is_dir() else path.suffix or "file without suffix" for path in _seen(directory))
-    hidden = sum(path.name.startswith(".") and path.suffix.lower() in TABLE_SUFFIXES for path in directory.iterdir())
+    hidden = sum(path.name.startswith(".") and path.suffix.lower() in TABLE_SUFFIXES for path in _listed(directory))
     found = [f"{count} {kind}" for kind, count in kinds.most_common(_MOST_KINDS)]
     found += [f"{hidden} *.binary whose names begin with a dot"] if hidden else []
     return ", ".join(found) or "nothing"
-
-
-def verify(directory: str | os.PathLike[str], progress: bool = False) -> DirectoryReport:
-    """Read all `table_paths` of a directory and say which are sound, which are not and why, and what is missing."""
-    sound, unsound = [], {}
-    paths = table_paths(directory)
-    for path in tqdm(paths, desc="reading", disable=not progress, leave=False):
-        try:
-            MerlTable.open(path)
-            sound.append(path.stem)
-        except (OSError, ValueError) as error:
-            unsound[path.stem] = str(error)
-    present = {path.stem for path in paths}
-    missing = tuple(name for name in MERL_MATERIALS if name not in present)
-    return DirectoryReport(paths[0].parent, tuple(sound), unsound, missing)

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.directions import half_difference
-from torchbrdf.brdf.library_cache import StoredColumns
 from torchbrdf.brdf.merl_grid import N_CELLS, cell_index
+from torchbrdf.brdf.stored_columns import StoredColumns
 
 _SAMPLES = 1 << 19
 _RINGS = 16

@@ -14,6 +14,9 @@ from torch import Tensor
 from torchbrdf.brdf.merl_grid import GRID, above_horizon, cell_centres
 from torchbrdf.brdf.rgl import RGLMaterial
 
+TABULATION = 1
+"""Changes whenever `tabulate` gives other tables: caches of libraries know by it what is out of date."""
+
 _ROWS = 2
 """Of theta_h at once: some 10^5 pairs of directions, 30 MB."""
 

@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.analytic import AnalyticFit
-from torchbrdf.brdf import MerlTable
-from torchbrdf.commands._options import STD
+from torchbrdf.brdf import RESULT_STD, MerlTable
 from torchbrdf.images import ColourSpace, exposure_for, write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
@@ -31,10 +30,10 @@ def write_preview(
 
 def uncertainty_of(brdf: Path) -> Tensor | None:
     """The standard deviation of every cell that `torchbrdf fit --uncertainty` left in a folder."""
-    if not (brdf / STD).is_file():
+    if not (brdf / RESULT_STD).is_file():
         return None
-    print(f"cells weigh by their standard deviation in {brdf / STD}")
-    return MerlTable.open(brdf / STD).values.clamp_min(0)
+    print(f"cells weigh by their standard deviation in {brdf / RESULT_STD}")
+    return MerlTable.open(brdf / RESULT_STD).values.clamp_min(0)
 
 
 def print_fit(fit: AnalyticFit) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from torchbrdf._version import __version__
-from torchbrdf.commands._inputs import RESULT
+from torchbrdf.brdf import RESULT
 from torchbrdf.commands._results import WEIGHTS
 from torchbrdf.files import cache_folder
 

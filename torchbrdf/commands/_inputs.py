@@ -7,15 +7,12 @@ from contextlib import contextmanager
 from math import log
 from pathlib import Path
 
-from torchbrdf.brdf import MaterialLibrary, MerlTable, read_table
+from torchbrdf.brdf import RESULT, MaterialLibrary, MerlTable, read_table
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import DEFAULT_SPACE, Shooting, converted, read_mask, read_shooting, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
-
-RESULT = "brdf.binary"
-"""The table in a folder that `torchbrdf fit` writes."""
 
 _READING = (
     "probe_layer", "probe_layout", "probe_rows", "probe_circle", "probe_mask", "probe_fov", "mirror_reflectance",
@@ -67,7 +64,7 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
 
 def open_library(options: argparse.Namespace) -> MaterialLibrary:
     """The library of `--library`, else the embedded one; less what `--without` names."""
-    library = MaterialLibrary.default() if options.library is None else MaterialLibrary.from_merl(options.library)
+    library = MaterialLibrary.default() if options.library is None else MaterialLibrary.from_files(options.library)
     return library.without(*options.without)
 
 
@@ -153,7 +150,7 @@ def open_table(path: Path) -> MerlTable:
         return read_table(path)
     if not (path / RESULT).is_file():
         raise FileNotFoundError(f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`")
-    return MerlTable.open(path / RESULT)
+    return read_table(path / RESULT)
 
 
 def labels(paths: list[Path]) -> list[str]:

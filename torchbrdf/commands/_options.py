@@ -6,14 +6,17 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, get_args
 
+from torchbrdf.brdf import TABLE_SUFFIXES
 from torchbrdf.estimation import CONSTRAINTS, DEFAULT_PENALTY, Penalty
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, Encoding
 from torchbrdf.light import Layout, Rows
 
-STD = "brdf_std.binary"
-"""The standard deviation of f_r in every cell, as a MERL table, in a folder that `torchbrdf fit` writes."""
-
 TABLE_HELP = "MERL table, .binary; measured material of the RGL database, .bsdf; or a folder that `fit` wrote"
+
+LIBRARY_HELP = (
+    f"folder of measured tables ({', '.join(TABLE_SUFFIXES)}), such a file, a folder that `fit` wrote or of such "
+    'folders, or "default", the embedded library'
+)
 
 LARGEST_SIZE = 8192
 """Pixels along a side that are believed to be meant."""
@@ -140,7 +143,8 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
 
 def add_library(parser: argparse.ArgumentParser) -> None:
     """`--library` and `--without`."""
-    parser.add_argument("--library", type=Path, help="folder of MERL *.binary files; default: the embedded library")
+    text = f"{LIBRARY_HELP}; may be given several times, for one library of all; default: the embedded one"
+    parser.add_argument("--library", action="append", metavar="PATH", help=text)
     text = "leave a material out of the library, such as the one that is to be recovered; may be given several times"
     parser.add_argument("--without", action="append", default=[], metavar="NAME", help=text)
 

@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
-from torchbrdf.brdf import MerlTable, above_horizon
+from torchbrdf.brdf import RESULT, RESULT_STD, MerlTable, above_horizon
 from torchbrdf.commands import _alignment
-from torchbrdf.commands._inputs import RESULT
 from torchbrdf.commands._lit_sight import LitSight
-from torchbrdf.commands._options import STD
 from torchbrdf.commands._reconstruction import Fit, weights_record
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
@@ -33,7 +31,7 @@ def products(options: argparse.Namespace, names: Sequence[str] = ()) -> list[str
         return [ended(file, name) for file in files for name in names] or list(files)
 
     own = each("fitted.exr"), [] if options.no_report else each(_REPORT)
-    first = [STD] if options.uncertainty else [], each(*_ALIGNED) if options.align else []
+    first = [RESULT_STD] if options.uncertainty else [], each(*_ALIGNED) if options.align else []
     return [*chain(*first), RESULT, WEIGHTS, *chain(*own)]
 
 
@@ -49,7 +47,7 @@ def in_words(names: Sequence[str]) -> str:
 
 def obsolete(folder: Path) -> list[str]:
     """The files of an earlier run in a folder: those that `fit` may write, and those that weights.json tells of."""
-    found = [RESULT, WEIGHTS, STD, *_ALIGNED, "fitted.exr", _REPORT]
+    found = [RESULT, WEIGHTS, RESULT_STD, *_ALIGNED, "fitted.exr", _REPORT]
     try:
         listed = json.loads((folder / WEIGHTS).read_text())["files"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -76,7 +74,7 @@ def write_table(folder: Path, fitted: Fit, uncertainty: bool) -> None:
     fitted.table.save(folder / RESULT)
     if uncertainty:
         deviation = fitted.result.brdf_std(fitted.subject.library).double()
-        MerlTable(deviation, above_horizon(), "standard deviation").save(folder / STD)
+        MerlTable(deviation, above_horizon(), "standard deviation").save(folder / RESULT_STD)
 
 
 def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Namespace, name: str | None = None) -> None:

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.alignment import Range
-from torchbrdf.commands._options import STD, add_camera, add_estimation, add_light, add_output, add_shape, add_strict
+from torchbrdf.brdf import RESULT_STD
+from torchbrdf.commands._options import add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
 _ONLY_WITH_ALIGN = ("search", "keep_silhouette", "blur", "exposure", "white_balance")
@@ -36,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = "find a factor of the photograph, too, and divide by it; rarely certain to better than 50 %%"
     group.add_argument("--exposure", action="store_true", help=text)
     group.add_argument("--white-balance", action="store_true", help="the same for each colour channel")
-    parser.add_argument("--uncertainty", action="store_true", help=f"also write {STD}: how sure each cell is")
+    parser.add_argument("--uncertainty", action="store_true", help=f"also write {RESULT_STD}: how sure each cell is")
     parser.add_argument("--no-report", action="store_true", help="make no report.html, which takes the longest")
     text = "of several photographs, explain those again that are finished"
     parser.add_argument("--overwrite", action="store_true", help=text)

@@ -1,24 +1,42 @@
-"""`torchbrdf verify`: are these files sound MERL tables?"""
+"""`torchbrdf verify`: what these measured tables are, and whether they are sound."""
 
 import argparse
-from pathlib import Path
+
+from torchbrdf.commands._options import LIBRARY_HELP, add_strict
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Which files."""
-    parser.add_argument("directory", type=Path, help="folder of MERL *.binary files")
+    parser.add_argument("paths", nargs="+", metavar="PATH", help=LIBRARY_HELP)
+    add_strict(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Say which files of a folder are sound MERL tables, what is wrong with the others, and what is missing."""
-    from torchbrdf.brdf import MERL_MATERIALS, verify
+    """Say which measured tables are sound, what they hold, and what is wrong with the others.
 
-    report = verify(options.directory, progress=True)
-    if report.folder != options.directory:
-        print(f"in {report.folder}:")
-    print(f"{len(report.sound)} sound: {', '.join(report.sound) or 'none'}")
-    for name, problem in report.unsound.items():
+    Of a sound one: its kind, the range of f_r, the share of cells that were not measured, and the most it reflects.
+    Warns of those that reflect more than they get, and of two that are one measurement. Where at least half of the
+    materials of MERL are there, says which of them are missing.
+    """
+    import warnings
+    from pathlib import Path
+
+    from torchbrdf.brdf import MERL_MATERIALS, reflects_too_much, verify
+
+    found = verify(options.paths, progress=True)
+    if any(Path(path).is_dir() and Path(path) not in found.folders for path in options.paths):
+        print(f"in {', '.join(map(str, found.folders))}:")
+    print(f"{len(found.sound)} sound: {', '.join(found.sound) or 'none'}")
+    for name, problem in found.unsound.items():
         print(f"unsound {name}: {problem}")
-    print(f"{len(report.missing)} of the {len(MERL_MATERIALS)} MERL materials are missing", end="")
-    print(f": {', '.join(report.missing)}" if report.missing else "")
-    return 2 if report.unsound else 0
+    for table in found.tables:
+        print(f"  {table}")
+    if 2 * len(found.missing) <= len(MERL_MATERIALS):
+        print(f"{len(found.missing)} of the {len(MERL_MATERIALS)} MERL materials are missing", end="")
+        print(f": {', '.join(found.missing)}" if found.missing else "")
+    for table in found.tables:
+        if (much := reflects_too_much(table.albedo)) is not None:
+            warnings.warn(f"{table.name}: {much}", UserWarning, stacklevel=2)
+    for one, two in found.same:
+        warnings.warn(f"{one} and {two} are one measurement", UserWarning, stacklevel=2)
+    return 2 if found.unsound else 0

@@ -1,5 +1,4 @@
 from .classes import MaterialClasses as MaterialClasses
-from .energy_bounds import albedo_rule as albedo_rule
 from .estimator import BRDFEstimator as BRDFEstimator
 from .image_space import (
     ImageSpace as ImageSpace,

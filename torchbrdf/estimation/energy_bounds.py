@@ -13,8 +13,7 @@ from torchbrdf.brdf import (
     MaterialLibrary,
     StoredColumns,
     above_horizon,
-    cell_index,
-    half_difference,
+    albedo_rule,
 )
 
 _STEPS = (2, 3, 6)
@@ -147,31 +146,3 @@ def depth_below_zero(product: Tensor, n: int) -> Tensor:
     """-(B w) / (B |w|) of products (cells, 2 n) with [w, |w|], 0 where both are 0."""
     value, terms = product[:, :n], product[:, n:]
     return torch.where(terms > 0, -value / torch.where(terms > 0, terms, 1.0), 0.0)
-
-
-def albedo_rule(view_angle: float, steps_h: int = 3, steps_phi: int = 360) -> tuple[Tensor, Tensor]:
-    """Ascending cells (r,) and weights (r,) of a rule for the directional albedo: a = sum weights f_r[cells].
-
-    a(w_o) = integral f_r cos(theta_i) dw_i over the hemisphere, taken over half vectors (dw_i = 4 cos(theta_d) dw_h):
-    there a peak at any view angle lies at theta_h = 0, where the cells are narrow. Each row of cells in theta_h is
-    cut into steps_h rings and each ring into steps_phi sectors; a ring's solid angle is exact. The weights of a
-    Lambertian surface sum to pi; what the horizon's edge leaves missing (about 1e-4) is made up by one factor.
-
-    view_angle  radians, from 0 to less than pi / 2
-    """
-    edges = ((torch.arange(GRID[0] * steps_h + 1, dtype=torch.float64)) / (GRID[0] * steps_h)) ** 2 * (pi / 2)
-    theta = ((edges[1:] + edges[:-1]) / 2)[:, None]
-    solid = (torch.cos(edges[:-1]) - torch.cos(edges[1:]))[:, None] * (2 * pi / steps_phi)
-    phi = (torch.arange(steps_phi, dtype=torch.float64) + 0.5) * (2 * pi / steps_phi)
-    sin_h = torch.sin(theta)
-    h = torch.stack([sin_h * torch.cos(phi), sin_h * torch.sin(phi), torch.cos(theta).expand(-1, steps_phi)], dim=-1)
-    angle = torch.tensor(view_angle, dtype=torch.float64)
-    w_o = torch.stack([torch.sin(angle), torch.zeros_like(angle), torch.cos(angle)])
-    cos_d = (h @ w_o)[..., None]
-    w_i = 2 * cos_d * h - w_o
-    seen = (cos_d[..., 0] > 0) & (w_i[..., 2] > 0)
-    weights = (4 * cos_d[..., 0] * w_i[..., 2] * solid)[seen]
-    cells = cell_index(*half_difference(w_i[seen], w_o.expand_as(w_i[seen]))).long()
-    cells, inverse = torch.unique(cells, return_inverse=True)
-    weights = torch.zeros(len(cells), dtype=torch.float64).index_add_(0, inverse, weights)
-    return cells, weights * (pi / weights.sum())

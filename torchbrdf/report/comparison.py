@@ -7,11 +7,10 @@ from math import isinf
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import BRDFDifference, MerlTable
+from torchbrdf.brdf import BRDFDifference, MerlTable, directional_albedo, reflects_too_much
 from torchbrdf.images import exposure_for
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
-from torchbrdf.report._albedo import directional_albedo, reflects_too_much
 from torchbrdf.report._pictures import short_name
 from torchbrdf.report.settings import COMPARISON_SAMPLES, COMPARISON_SIZE
 from torchbrdf.view import SphereView
@@ -72,7 +71,7 @@ class Comparison:
             BRDFDifference.of(table, tables[0], (image, pictures[0]), view.mask, exposure)
             for table, image in zip(tables[1:], pictures[1:], strict=True)
         ]
-        albedo = torch.stack([directional_albedo(table) for table in tables])
+        albedo = torch.stack([directional_albedo(table).mean(1) for table in tables])
         return cls(names, tables, probe, pictures, exposure, albedo, differences)
 
     @property

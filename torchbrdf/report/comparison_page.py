@@ -7,9 +7,8 @@ from math import isinf
 
 import numpy as np
 
-from torchbrdf.brdf import delta_e_2000
+from torchbrdf.brdf import ALBEDO_DEG, delta_e_2000
 from torchbrdf.files import writing
-from torchbrdf.report._albedo import ALBEDO_DEG
 from torchbrdf.report._figures import log_range, on_grey, picture, plane_of_incidence, polar_plot, spread_map
 from torchbrdf.report._pictures import light_picture, short_name, sphere_plate
 from torchbrdf.report._slices import EXPLANATION, slice_exposures, slice_figure

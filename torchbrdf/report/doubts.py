@@ -7,9 +7,8 @@ from typing import Protocol, TypeVar
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MerlTable
+from torchbrdf.brdf import MerlTable, directional_albedo, reflects_too_much
 from torchbrdf.estimation import Reconstruction
-from torchbrdf.report._albedo import directional_albedo, reflects_too_much
 from torchbrdf.transport import BasisImages
 
 LARGE_RESIDUAL = 0.05
@@ -93,7 +92,7 @@ def doubts(
 
     error     |Y w - y| / |y| of the result
     chosen    the best of the classes
-    albedo    (4,)    directional, see `_albedo`
+    albedo    (4,)    directional, see `directional_albedo`, mean of R, G, B
     weights   (n, 3)
     clamped   share of measured values at zero
     distrust  why the shape tells too little (`BasisImages.distrust`), or None
@@ -152,7 +151,7 @@ def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: M
         error=float(result.relative_error),
         classes=[_Class(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
         chosen=int(result.class_index),
-        albedo=directional_albedo(table),
+        albedo=directional_albedo(table).mean(1),
         weights=result.weights.detach().cpu().double(),
         clamped=clamped_share(table),
         distrust=basis.distrust,

@@ -8,12 +8,11 @@ from math import cos, pi, radians, sin
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary, MerlTable
+from torchbrdf.brdf import MaterialLibrary, MerlTable, directional_albedo
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.images import relative_rms
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_directional, render_tables
-from torchbrdf.report._albedo import directional_albedo
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.report.doubts import clamped_share, doubts, margin, second_best
 from torchbrdf.transport import BasisImages
@@ -121,7 +120,7 @@ class Evidence:
     probes       the photograph's probe, another (`other_light`), its own turned, of few rows
     distrust     why the shape tells too little (`BasisImages.distrust`), or None
     spread       None with a fixed penalty, which has no posterior
-    albedo       (4,)  the result's directional albedo, see `_albedo`
+    albedo       (4,)  the result's `directional_albedo`, mean of R, G, B
     """
 
     photograph: Tensor
@@ -241,7 +240,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
             for angle in DIRECTIONAL_ANGLES
         },
         probes=(probe, other, turned),
-        albedo=directional_albedo(found.table),
+        albedo=directional_albedo(found.table).mean(1),
         distrust=basis.distrust,
         spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
     )

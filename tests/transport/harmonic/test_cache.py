@@ -409,3 +409,30 @@ class TestAutomatic:
         library = MaterialLibrary.from_tables([tiny_tables["red"]])
         transport_of(library)
         assert render_basis(library, PROBE, VIEW).description.startswith("sampled")
+
+
+class TestLibraryThatGrew:
+    @pytest.fixture
+    def grown(self, library: MaterialLibrary, merl_directory: Path, monkeypatch: pytest.MonkeyPatch) -> MaterialLibrary:
+        """By one material."""
+        monkeypatch.setattr("torchbrdf.brdf.library.MIN_MATERIALS", 1)
+        other = MaterialLibrary.from_files([merl_directory / "white.binary"], progress=False)
+        return library + other
+
+    def test_the_kernels_of_its_parts_serve_it(self, library: MaterialLibrary, grown: MaterialLibrary, built: list):
+        transport_of(library)
+        before = len(built)
+        transport = transport_of(grown)
+        groups = transport.groups
+        assert {group.mixing.shape[0] for group in groups} == {grown.n}
+        assert len(built) == 2 * before, "what is new is computed by itself, what was there is read"
+        assert is_precomputed(grown)
+
+    def test_its_images_are_those_of_the_parts(self, library: MaterialLibrary, grown: MaterialLibrary):
+        one = render_basis(library, PROBE, VIEW, backend="harmonic")
+        both = render_basis(grown, PROBE, VIEW, backend="harmonic")
+        assert torch.allclose(both.packed[: library.n], one.packed, rtol=1e-4, atol=1e-6)
+
+    def test_without_kernels_of_parts_it_is_computed_as_one(self, grown: MaterialLibrary):
+        transport_of(grown)
+        assert harmonic_cache._path(grown.stored).is_file()

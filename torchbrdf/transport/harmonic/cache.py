@@ -1,7 +1,8 @@
 """The precomputed transport of a library on disk: one file of kernels, memory-mapped, for each library's content.
 
 A file is named after the fingerprint of the library's columns and after what the kernels depend on beside them, so a
-library that changes gets another file. Groups of rings are kept one by one while they are computed: what was
+library that changes gets another file; one that grew from libraries whose files are there has but what came new
+computed, as a file of its own. Groups of rings are kept one by one while they are computed: what was
 interrupted resumes. A checksum tells a damaged file, which is computed again.
 """
 
@@ -19,7 +20,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 from tqdm import tqdm
 
-from torchbrdf.brdf import MaterialLibrary, StoredColumns, column_norms
+from torchbrdf.brdf import MaterialLibrary, Part, StoredColumns, column_norms, columns_of
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._kernels import (
@@ -35,6 +36,9 @@ from torchbrdf.transport.harmonic.transport import HarmonicTransport
 _FORMAT = "torchbrdf harmonic transport 1"
 _HEADROOM = 600e6
 """Bytes that a build may take on disk."""
+
+_MOST_PARTS = 4
+"""Of a library that grew, whose kernels are kept apart: each costs some time with every probe."""
 
 _SUMMED = 256
 """Values of a block of the checksum."""
@@ -53,11 +57,7 @@ def transport_of(library: MaterialLibrary, progress: bool = False, perspective: 
     stored, device = library.stored, library.stored.columns.device
 
     def opened() -> HarmonicTransport:
-        if stored.mapping is not None or _path(stored, perspective).is_file():
-            kernels = _from_disk(stored, perspective, progress)
-        else:
-            kernels = _assembled(stored, perspective, None, progress)
-        kernels = tuple(group.to(device) for group in kernels)
+        kernels = tuple(group.to(device) for group in _kernels_of(stored, perspective, progress))
         return replace(transport_of(library, progress), added=kernels) if perspective else HarmonicTransport(kernels)
 
     return _in_memory.get_or_make(f"{stored.fingerprint} {device} {perspective}", opened)
@@ -65,13 +65,54 @@ def transport_of(library: MaterialLibrary, progress: bool = False, perspective: 
 
 def is_precomputed(library: MaterialLibrary, perspective: bool = False) -> bool:
     """Whether `transport_of` would only read files."""
-    return all(_path(library.stored, part).is_file() for part in {False, perspective})
+    stored = library.stored
+    ready = [_path(stored, part).is_file() or not _missing(stored, part)[1] for part in {False, perspective}]
+    return all(ready)
+
+
+def _kernels_of(stored: StoredColumns, perspective: bool, progress: bool) -> tuple[Kernels, ...]:
+    """Of all columns together; of a library that grew from others, theirs, and of what came new by itself."""
+    if _path(stored, perspective).is_file():
+        return _from_disk(stored, perspective, progress)
+    held, missing = _missing(stored, perspective)
+    if not held:
+        if stored.mapping is not None:
+            return _from_disk(stored, perspective, progress)
+        return _assembled(stored, perspective, None, progress)
+    kernels = [(part, _read(_path_of(part.fingerprint, perspective))) for part in held]
+    if any(groups is None for _, groups in kernels):
+        return _from_disk(stored, perspective, progress)
+    if missing:
+        own = Part("", tuple(range(len(missing))), tuple(missing))
+        kernels.append((own, _from_disk(stored.of(missing), perspective, progress)))
+    n = stored.columns.shape[1]
+    return tuple(_placed(group, part, n) for part, groups in kernels for group in groups or ())
+
+
+def _missing(stored: StoredColumns, perspective: bool) -> tuple[list[Part], list[int]]:
+    """Parts of a library whose kernels are on disk, and the materials of none; no parts where too little is there."""
+    held = [part for part in stored.parts if _path_of(part.fingerprint, perspective).is_file()]
+    missing = sorted(set(range(len(stored.names))).difference(*(part.mine for part in held)))
+    if len(held) > _MOST_PARTS or 3 * len(missing) > len(stored.names):
+        return [], list(range(len(stored.names)))
+    return held, missing
+
+
+def _placed(group: Kernels, part: Part, n: int) -> Kernels:
+    """The kernels of a part as those of all n columns of the library that holds it."""
+    mixing = group.mixing.new_zeros(n, group.mixing.shape[1])
+    mixing[columns_of(part.mine)] = group.mixing[columns_of(part.theirs)]
+    return replace(group, mixing=mixing)
 
 
 def _path(stored: StoredColumns, perspective: bool = False) -> Path:
+    return _path_of(stored.fingerprint, perspective)
+
+
+def _path_of(fingerprint: str, perspective: bool) -> Path:
     """Of the kernels of an orthographic camera, or of what perspective adds."""
     depends = [_FORMAT, settings(), kernel_settings(), *(perspective_settings() if perspective else [])]
-    key = hashlib.sha256((stored.fingerprint + json.dumps(depends)).encode()).hexdigest()[:24]
+    key = hashlib.sha256((fingerprint + json.dumps(depends)).encode()).hexdigest()[:24]
     return cache_folder() / "harmonic" / f"{key}.safetensors"
 
 
