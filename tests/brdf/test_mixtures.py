@@ -219,6 +219,17 @@ class TestKinds:
         assert library.names == ("default/brass", "red-fabric", "red", "white", "more/brass")
         assert torch.equal(library.table("default/brass").values, two.table("brass").values)
 
+    @pytest.mark.filterwarnings("error")
+    def test_embedded_materials_that_look_alike_are_no_mistake(
+        self, cache: Path, folders: tuple[Path, Path], default_library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch
+    ):
+        names = ("irid_flake_paint1", "irid_flake_paint1_fine")
+        two = MaterialLibrary.from_tables([default_library.table(name) for name in names])
+        assert two.stored.same == ((0, 1),)
+        two = replace(two, stored=replace(two.stored, stamps=names))
+        monkeypatch.setattr(MaterialLibrary, "default", classmethod(lambda *_: two))
+        assert MaterialLibrary.from_files(["default", folders[0]], progress=False).stored.same == ((0, 1),)
+
     def test_one_name_in_two_folders(self, cache: Path, folders: tuple[Path, Path], merl_directory: Path):
         os.link(merl_directory / "gold-0.3.binary", folders[1] / "red.binary")
         library = opened(*folders)
