@@ -7,7 +7,7 @@
 Three sets of cases, novel-light error in per cent (mean, 90 %, worst) for each variation of the default:
 
 tuning    every tenth material of `--library`, left out of it, under `--tuning-probes`: constants were chosen here
-crossed   the same materials, left out of the *embedded* library, whose BRDFs are analytic: here, too
+crossed   the same materials, left out of the *embedded* library, whose BRDFs are an encoding: here, too
 reported  measured materials of `--targets` that no library holds, under all their probes: nothing was chosen here
 
 Tuning images have other random numbers and four times the samples of the basis images. One line changes one thing.
