@@ -219,6 +219,36 @@ class TestKinds:
         assert library.names == ("default/brass", "red-fabric", "red", "white", "more/brass")
         assert torch.equal(library.table("default/brass").values, two.table("brass").values)
 
+    def test_a_table_of_few_measured_cells(self, cache: Path, folders: tuple[Path, Path]):
+        table = MerlTable.open(folders[0] / "red.binary")
+        table.valid[30:] = False
+        (folders[0] / "red.binary").unlink()
+        table.save(folders[0] / "red.binary")
+        with pytest.warns(UserWarning, match=r"^red: 57% of its cells were not measured; .* leave it out$"):
+            opened(*folders)
+
+    @pytest.mark.filterwarnings("error")
+    def test_what_is_left_out_is_not_warned_of(self, cache: Path, folders: tuple[Path, Path]):
+        replaced(folders[0] / "white.binary", 6)
+        library = MaterialLibrary.from_files(folders, progress=False, without=["white"])
+        assert library.names == ("red", "teal")
+
+    def test_a_path_that_is_empty(self, cache: Path, folders: tuple[Path, Path]):
+        with pytest.raises(ValueError, match=r'^one of the paths of the library is empty; "\." is the current folder$'):
+            opened(folders[0], "")
+
+    def test_a_file_of_the_rgl_database_that_is_embedded(
+        self, cache: Path, folders: tuple[Path, Path], merl_directory: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        """Told by its name, however unlike its table is."""
+        leaf = replace(MerlTable.open(folders[0] / "white.binary"), name="leaf_maple")
+        embedded = MaterialLibrary.from_tables([leaf])
+        embedded = replace(embedded, stored=replace(embedded.stored, stamps=("leaf_maple",)))
+        monkeypatch.setattr(MaterialLibrary, "default", classmethod(lambda *_: embedded))
+        os.rename(folders[1] / "teal.binary", folders[1] / "leaf_maple_rgb.binary")
+        with pytest.warns(UserWarning, match="where it counts twice: leaf_maple and leaf_maple_rgb; leave one out"):
+            opened("default", folders[1])
+
     @pytest.mark.filterwarnings("error")
     def test_embedded_materials_that_look_alike_are_no_mistake(
         self, cache: Path, folders: tuple[Path, Path], default_library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch

@@ -232,6 +232,14 @@ def test_bad_fields(written, name: str):
         read_table(written(**{name: value}))
 
 
+@pytest.mark.parametrize("unit", [1e-3, 10.0])
+def test_wavelengths_in_another_unit(written, unit: float):
+    spectra = np.ones((1, 5, 4, NODES, NODES), np.float32)
+    wavelengths = np.float32(unit) * np.array([400, 500, 600, 700], np.float32)
+    with pytest.raises(ValueError, match=r"do not reach from 460 to 620 nm"):
+        read_table(written(("rgb",), spectra=spectra, wavelengths=wavelengths))
+
+
 def test_spectra_without_wavelengths(written):
     with pytest.raises(ValueError, match="spectra without the field 'wavelengths'"):
         read_table(written(("rgb",), spectra=np.ones((1, 5, 4, NODES, NODES), np.float32)))

@@ -55,20 +55,23 @@ class MaterialLibrary:
 
     @classmethod
     def from_files(
-        cls, sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], progress: bool = True
+        cls,
+        sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+        progress: bool = True,
+        without: Sequence[str] = (),
     ) -> "MaterialLibrary":
         """Measured tables of folders and files, of any format that is read, and "default", the embedded library.
 
         Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, with as many
         folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, converted
         once to a cache that is memory-mapped after; what another cache holds is taken from there.
-        Warns, whenever it is opened, of tables that are one measurement, of such as reflect twice what they get or
-        more, and of what reading them warned of. Raises OSError or ValueError as `library_members`, and where a table
-        is unsound.
+        without leaves out some, as the method does. Warns, whenever it is opened, of tables that are one measurement,
+        of such as reflect twice what they get or more or measured few cells, and of what reading them warned of. Raises
+        OSError or ValueError as `library_members`, and where a table is unsound.
         """
         given = as_list(sources)
         if set(given) == {EMBEDDED}:
-            return cls.default(progress)
+            return cls.default(progress).without(*without)
         known = [cls.default(progress).stored] if EMBEDDED in given else []
         members = library_members(given, known[0].names if known else ())
         tables = {member.name: member.path for member in members if member.path is not None}
@@ -78,14 +81,14 @@ class MaterialLibrary:
         source = MerlSource(list(tables.values()), list(tables))
         if folder is not None and Path(given[0]).is_dir() and _is_plain(members):
             resolved = folder.resolve()
-            key = hashlib.sha256(str(resolved).encode()).hexdigest()[:12]
+            key = hashlib.sha256(os.fsencode(resolved)).hexdigest()[:12]
             stored = open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress)
-            return cls._whole(stored)._checked()
+            return cls._whole(stored).without(*without)._checked()
         held = iter(known[0].stamps if known else ())
         embedded = {member.name: next(held) for member in members if member.path is None}
         mixed = StampedSource([member.name for member in members], embedded, source)
         places = [str(member.path.resolve()) if member.path else member.name for member in members]
-        return cls._mixture(mixed, places, progress, known)._checked(embedded)
+        return cls._mixture(mixed, places, progress, known).without(*without)._checked(embedded)
 
     @classmethod
     def _mixture(
@@ -126,11 +129,14 @@ class MaterialLibrary:
 
     def _checked(self, embedded: Collection[str] = ()) -> "MaterialLibrary":
         """Itself; warns of what is to be said of its tables, but of no two that are both embedded."""
-        for name, texts in zip(self.stored.names, self.stored.said, strict=True):
-            for text in texts:
+        names, own = self.stored.names, set(self.names)
+        for name, texts in zip(names, self.stored.said, strict=True):
+            for text in texts if name in own else ():
                 warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
-        pairs = [(self.stored.names[i], self.stored.names[j]) for i, j in self.stored.same]
-        same = [(one, two) for one, two in pairs if one not in embedded or two not in embedded]
+        pairs = [(one, two) for one in embedded for two in own if two.endswith("_rgb") and _bare(one) == _bare(two)]
+        pairs += [(names[i], names[j]) for i, j in self.stored.same]
+        each = {frozenset(pair): pair for pair in pairs}
+        same = [pair for key, pair in each.items() if key <= own and not key <= set(embedded)]
         if same:
             some = ", ".join(f"{one} and {two}" for one, two in same[:_NAMED])
             more = f", and {len(same) - _NAMED} pairs more" if len(same) > _NAMED else ""
@@ -272,6 +278,11 @@ class MaterialLibrary:
             cells = start + torch.nonzero(lit[start : start + ROW_CELLS]).ravel()
             values[cells] = function(self.rows(cells)).to(values)
         return values.reshape(*GRID, 3)
+
+
+def _bare(name: str) -> str:
+    """Without folders, and without what files of the RGL database add to it."""
+    return name.rsplit("/", 1)[-1].removesuffix("_rgb")
 
 
 def _unpacked(bits: Tensor) -> Tensor:

@@ -63,8 +63,11 @@ def library_members(
 
 
 def as_list(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
-    """One path or several: "./default" is the folder, `EMBEDDED` is not."""
-    return [os.fspath(path) for path in ([sources] if isinstance(sources, str | os.PathLike) else sources)]
+    """One path or several: "./default" is the folder, `EMBEDDED` is not. Raises ValueError for an empty one."""
+    found = [os.fspath(path) for path in ([sources] if isinstance(sources, str | os.PathLike) else sources)]
+    if "" in found:
+        raise ValueError('one of the paths of the library is empty; "." is the current folder')
+    return found
 
 
 def _tables(source: Path) -> list[Path]:

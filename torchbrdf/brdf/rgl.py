@@ -23,6 +23,9 @@ from torchbrdf.brdf._warps import Between, Grids, Warps
 from torchbrdf.brdf.spectra import to_rec709
 
 WHAT = "an RGL .bsdf file of a measured material"
+_BLUE, _RED = 460.0, 620.0
+"""In nm: spectra that do not reach so far say nothing of blue or of red, or are in another unit."""
+
 _MOST = 1e6
 """Of what a file holds in 1/sr or as density: none comes near."""
 
@@ -60,7 +63,7 @@ class RGLMaterial:
         """
         path = Path(path)
         file = TensorFile(path, WHAT)
-        theta_i, phi_i = (_angles(file, name) for name in ("theta_i", "phi_i"))
+        theta_i, phi_i = (_increasing(file, name, "angles") for name in ("theta_i", "phi_i"))
         if theta_i[0] < 0 or theta_i[-1] > pi / 2 + 1e-3:
             ends = f"{theta_i[0]:.4g} to {theta_i[-1]:.4g}"
             raise ValueError(f"{path}: theta_i goes from {ends}, beyond 0 to pi/2; {AGAIN}")
@@ -129,10 +132,10 @@ class RGLMaterial:
         return found, slices.measured.at(*place, between)[:, 0]
 
 
-def _angles(file: TensorFile, name: str) -> np.ndarray:
+def _increasing(file: TensorFile, name: str, what: str) -> np.ndarray:
     values = file.read(name, "<f4", 1)
     if not (np.isfinite(values).all() and (np.diff(values) > 0).all()):
-        raise ValueError(f"{file.path}: the field {name!r} must hold increasing angles, got {values[:4]}...; {AGAIN}")
+        raise ValueError(f"{file.path}: the field {name!r} must hold increasing {what}, got {values[:4]}...; {AGAIN}")
     return values
 
 
@@ -159,9 +162,12 @@ def _colours(file: TensorFile, parameters: tuple[int, int]) -> np.ndarray:
     spectra = _sound(file, "spectra", parameters, axes=3)
     if "wavelengths" not in file:
         raise ValueError(f"{file.path}: spectra without the field 'wavelengths', so nobody knows of what; {AGAIN}")
-    wavelengths = _angles(file, "wavelengths")
+    wavelengths = _increasing(file, "wavelengths", "wavelengths")
     if len(wavelengths) != spectra.shape[2]:
         raise ValueError(f"{file.path}: {spectra.shape[2]} spectral values for {len(wavelengths)} wavelengths; {AGAIN}")
+    if wavelengths[0] > _BLUE or wavelengths[-1] < _RED:
+        ends = f"{wavelengths[0]:.4g} to {wavelengths[-1]:.4g}"
+        raise ValueError(f"{file.path}: wavelengths from {ends} do not reach from {_BLUE:g} to {_RED:g} nm; {AGAIN}")
     return np.einsum("cw,ptwyx->ptcyx", to_rec709(wavelengths), spectra, optimize=True).astype(np.float32)
 
 

@@ -86,7 +86,7 @@ def verify(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], p
         tuple(dict.fromkeys(member.path.parent for member in members if member.path is not None)),
         tuple(tables),
         unsound,
-        tuple((tables[i].name, tables[j].name) for i, j in same),
+        tuple((tables[i].name, tables[j].name) for i, j in same if {tables[i].kind, tables[j].kind} != {"embedded"}),
         tuple(name for name in MERL_MATERIALS if name not in stems),
     )
 

@@ -64,8 +64,9 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
 
 def open_library(options: argparse.Namespace) -> MaterialLibrary:
     """The library of `--library`, else the embedded one; less what `--without` names."""
-    library = MaterialLibrary.default() if options.library is None else MaterialLibrary.from_files(options.library)
-    return library.without(*options.without)
+    if options.library is None:
+        return MaterialLibrary.default().without(*options.without)
+    return MaterialLibrary.from_files(options.library, without=options.without)
 
 
 def open_camera(options: argparse.Namespace, path: Path, size: tuple[int, int]) -> tuple[PinholeCamera | None, str]:
