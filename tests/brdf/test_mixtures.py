@@ -233,6 +233,21 @@ class TestKinds:
         library = MaterialLibrary.from_files(folders, progress=False, without=["white"])
         assert library.names == ("red", "teal")
 
+    def test_tables_without_a_common_cell(self, cache: Path, folders: tuple[Path, Path]):
+        for name, rows in (("red", slice(0, 40)), ("white", slice(40, 90))):
+            path = folders[0] / f"{name}.binary"
+            table = MerlTable.open(path)
+            table.valid[rows] = False
+            path.unlink()
+            table.save(path)
+        with pytest.raises(ValueError, match=r"^no cell was measured in all of these 2 .*; \w+ measured fewest"):
+            opened(folders[0])
+
+    def test_a_name_without_its_folder(self, cache: Path, folders: tuple[Path, Path], merl_directory: Path):
+        os.link(merl_directory / "gold-0.3.binary", folders[1] / "red.binary")
+        with pytest.raises(ValueError, match=r"^no material 'red' in .*; did you mean own/red, more/red\?$"):
+            opened(*folders).without("red")
+
     def test_a_path_that_is_empty(self, cache: Path, folders: tuple[Path, Path]):
         with pytest.raises(ValueError, match=r'^one of the paths of the library is empty; "\." is the current folder$'):
             opened(folders[0], "")

@@ -100,6 +100,13 @@ class TestFolders:
         assert fit(photos, "--probe", photos / "probe.exr")[0] == 0
         assert names(tmp_path / "out") == {"holed", "paint", "satin"}
 
+    def test_a_library_that_is_not_there_is_said_once(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
+        status, _, errors = fit(photos, "--probe", probe, "--library", tmp_path / "gone")
+        assert status == 2
+        (line,) = errors
+        assert line.startswith(f"torchbrdf: error: {tmp_path / 'gone'}: no such file")
+        assert not (tmp_path / "out").exists()
+
     def test_a_probe_for_each(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
         """In order: the photograph under another probe is not explained by it."""
         turned = tmp_path / "turned.exr"

@@ -76,7 +76,7 @@ class MaterialLibrary:
         members = library_members(given, known[0].names if known else ())
         tables = {member.name: member.path for member in members if member.path is not None}
         folder = next(iter(tables.values())).parent if len(given) == 1 else None
-        where = ", ".join(given) if folder is None else str(folder)
+        where = str(folder) if folder is not None and Path(given[0]).is_dir() else ", ".join(given)
         _check_enough(len(members), where, f'add MERL *.binary files, or name "{EMBEDDED}" too')
         source = MerlSource(list(tables.values()), list(tables))
         if folder is not None and Path(given[0]).is_dir() and _is_plain(members):
@@ -130,6 +130,12 @@ class MaterialLibrary:
     def _checked(self, embedded: Collection[str] = ()) -> "MaterialLibrary":
         """Itself; warns of what is to be said of its tables, but of no two that are both embedded."""
         names, own = self.stored.names, set(self.names)
+        if not self.stored.gram.any():
+            fewest = int(torch.stack([_unpacked(bits).sum() for bits in self.stored.valid]).argmin())
+            raise ValueError(
+                f"no cell was measured in all of these {len(names)} materials, so they have no classes; "
+                f"{names[fewest]} measured fewest: take its file away"
+            )
         for name, texts in zip(names, self.stored.said, strict=True):
             for text in texts if name in own else ():
                 warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
@@ -196,7 +202,8 @@ class MaterialLibrary:
 
         if name in self.names:
             return self.names.index(name)
-        close = difflib.get_close_matches(name, self.names) or self.names[:3]
+        alike = [one for one in self.names if one.endswith(f"/{name}")]
+        close = alike or difflib.get_close_matches(name, self.names) or self.names[:3]
         raise ValueError(f"no material {name!r} in this library of {len(self)}; did you mean {', '.join(close)}?")
 
     def to(self, device: torch.device | str) -> "MaterialLibrary":

@@ -152,6 +152,8 @@ class MerlTable:
         if found.spread > 0.01:
             message = f"{path}: anisotropic; its mean over all azimuths differs from it by {found.spread:.1%}"
             warnings.warn(message, UserWarning, stacklevel=2)
+        if not found.valid.any():
+            raise ValueError(f"{path}: none of MERL's cells rests on what was measured; this is no whole measurement")
         return cls(found.values, found.valid, material.name)
 
     @classmethod

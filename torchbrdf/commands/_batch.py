@@ -77,10 +77,11 @@ class _Batch:
 
     def run(self, photographs: Sequence[Photograph]) -> None:
         """Explain and write all that are not finished."""
+        library = self._inputs.library.source  # opened before any: that it cannot be is not a photograph's fault
         seen: list[_Seen] = []
         for one in photographs:
             with self._failing(one):
-                made_from = origin(one.its(self._options), self._inputs.library.source)
+                made_from = origin(one.its(self._options), library)
                 if self._is_finished(one, made_from):
                     continue
                 said: list[str] = []
