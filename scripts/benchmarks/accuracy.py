@@ -38,7 +38,6 @@ from torchbrdf.experiments import (
     breakdown_table,
     common_exposure,
     default_probes,
-    described,
     on_white,
     open_probes,
     parse_choice,
@@ -136,9 +135,8 @@ def run(options: argparse.Namespace) -> None:
         floor = [case for fold in folds for case in fold.floor()]
         cases = [case for fold in folds for case in fold.cases(settings, options.noise, options.observe)]
         rows += [asdict(case) | {"left_out": relation} for case in [*cases, *floor]]
-        left_out = described(relation, folds, library)
         for level in options.noise:
-            title = f"{level:g} % pixel noise, {left_out}"
+            title = f"{level:g} % pixel noise, {experiment.left_out(relation)}"
             some = [case for case in cases if case.noise == level] + floor
             print(f"\n{title}\n\n{summary_table(some)}")
             for by in ("material", "observed", "novel"):

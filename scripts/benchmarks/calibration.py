@@ -39,7 +39,6 @@ from torchbrdf.estimation.posterior import INFLATION, UNMODELLED
 from torchbrdf.experiments import (
     Experiment,
     default_probes,
-    described,
     markdown_table,
     noisy_observations,
     open_probes,
@@ -341,7 +340,7 @@ def run(options: argparse.Namespace) -> None:
     experiment = Experiment.of(library, probes, read_targets(options.targets))
     for relation in experiment.relations:
         folds = experiment.folds(relation)
-        print(f"\n{described(relation, folds, library)}\n")
+        print(f"\n{experiment.left_out(relation)}\n")
         report(experiment, [case for fold in folds for case in measured(fold, options.noise)], options.noise)
 
 

@@ -139,7 +139,7 @@ def run(options: argparse.Namespace) -> None:
             known = "; ".join(stage.name for stage in stages(options.by_hand))
             raise ValueError(f"--stages: none holds {options.stages[0]!r}; there are {known}")
     ready = [stage for stage in chosen if all(is_available(need) for need in stage.needs)]
-    library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     given = [] if options.library is None else ["--library", str(options.library.resolve())]
     common = {"by_hand": options.by_hand, "code": code_of_package()}
 

@@ -21,7 +21,7 @@ from tqdm import tqdm
 import torchbrdf as tb
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.estimation import Penalty
-from torchbrdf.experiments import Experiment, default_probes, described, markdown_table, open_probes, read_targets
+from torchbrdf.experiments import Experiment, default_probes, markdown_table, open_probes, read_targets
 from torchbrdf.files import writing
 
 MOST = 4
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
             for key, some in errors(fold, options.noise).items():
                 found.setdefault(key, []).extend(some)
         floor = statistics.mean(case.novel_error for fold in folds for case in fold.floor())
-        title = f"{options.noise:g} % pixel noise, {described(relation, folds, library)}, floor {100 * floor:.2f}"
+        title = f"{options.noise:g} % pixel noise, {experiment.left_out(relation)}, floor {100 * floor:.2f}"
         print(f"{title}\n\n{table(found)}\n")
         if options.figure is not None and relation == "family":
             draw(options.figure, found, floor)

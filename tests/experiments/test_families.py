@@ -10,7 +10,6 @@ from torchbrdf.experiments import (
     BASELINES,
     Experiment,
     Target,
-    described,
     family,
     relatives,
     without_relatives,
@@ -85,7 +84,7 @@ def test_both_errors_are_told_where_they_differ(experiment: Experiment) -> None:
     assert experiment.relations == ("family", "material")
     alone = experiment.folds("family")[2]
     assert alone.relations == ("family",)
-    titles = [described("family", one.folds("family"), experiment.library) for one in (experiment, alone)]
+    titles = [one.left_out("family") for one in (experiment, alone)]
     assert titles == ["each without its family", "of no family that the library holds"]
 
 

@@ -67,7 +67,7 @@ class Build:
                 extent = self.source.scan(i)
                 self.valid[material] = torch.from_numpy(np.packbits(extent.measured.numpy()))
                 self.scale[3 * material : 3 * material + 3] = _scale_of(extent.peak.double())
-                self.said[material] = (*extent.said, *_holes(extent.measured))
+                self.said[material] = extent.said
                 bar.update()
             everywhere = shared_cells(self.valid)
             total = GramSum(self.scale, everywhere, self.reused, columns_of(self.fresh))
@@ -101,8 +101,8 @@ class Build:
         """The library of the columns that were written, which are filled in place."""
         fill(columns, self.valid, self.fresh, mapping)
         rows = reader(columns, mapping)
-        for material, text in zip(self.fresh, brightness(rows, self.scale, self.fresh), strict=True):
-            self.said[material] += text
+        for material, texts in zip(self.fresh, remarks(rows, self.scale, self.valid, self.fresh), strict=True):
+            self.said[material] += texts
         same = same_in(rows, self.scale, self.valid)
         fingerprint = fingerprint_of(self.names, self.scale, columns, mapping)
         return StoredColumns(
@@ -161,8 +161,10 @@ def reader(columns: Tensor, mapping: mmap.mmap | None) -> Callable[[Tensor], Ten
     return rows
 
 
-def brightness(rows: Callable[[Tensor], Tensor], scale: Tensor, materials: Sequence[int]) -> list[tuple[str, ...]]:
-    """For each of some materials that reflect far more than they get what to say of it, else nothing.
+def remarks(
+    rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor, materials: Sequence[int]
+) -> list[tuple[str, ...]]:
+    """For each of some materials what to say of it: that it reflects far more than it gets, that it has few cells.
 
     rows  f_r / scale (r, n) of all columns in cells (r,)
     """
@@ -170,25 +172,29 @@ def brightness(rows: Callable[[Tensor], Tensor], scale: Tensor, materials: Seque
         return []
     which = _run(materials)
     albedo = albedo_of(lambda cells: rows(cells)[:, which]) * scale[which]
-    said = [reflects_too_much(some, WRONG_ALBEDO) for some in albedo.split(3, dim=1)]
+    each = zip(materials, albedo.split(3, dim=1), strict=True)
+    return [tuple(filter(None, (_brightness(one), _holes(valid[[i]])))) for i, one in each]
+
+
+def _brightness(albedo: Tensor) -> str | None:
+    said = reflects_too_much(albedo, WRONG_ALBEDO)
     advice = "is it f_r in 1/sr, without the cosine? A factor counts in every fit: divide it, or leave it out"
-    return [() if text is None else (f"{text}; {advice}",) for text in said]
+    return None if said is None else f"{said}; {advice}"
+
+
+def _holes(valid: Tensor) -> str | None:
+    """Of a table (1, N_CELLS / 8) that measured few cells: it voids those of every combination it is part of."""
+    share = float(shared_cells(valid).sum()) / float(above_horizon().sum())
+    advice = "what it has a weight in lacks them, too: leave it out"
+    return None if share >= _FEW else f"{1 - share:.0%} of its cells were not measured; {advice}"
 
 
 def same_in(rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:
-    """Pairs of materials that are one measurement; rows as of `brightness`."""
+    """Pairs of materials that are one measurement; rows as of `remarks`."""
     cells = sampled_cells()
     measured = (valid[:, cells // 8] >> (7 - cells % 8)) & 1  # as numpy packs bits
     values = torch.cat([rows(some) for some in cells.split(_CELLS_AT_ONCE)])
     return tuple(same_measurements(values.double() * scale, measured.bool()))
-
-
-def _holes(measured: Tensor) -> tuple[str, ...]:
-    """What to say of a table that measured (N_CELLS,) few cells: it voids those of every combination it is part of."""
-    share = float(measured.sum()) / float(above_horizon().sum())
-    if share >= _FEW:
-        return ()
-    return (f"{1 - share:.0%} of its cells were not measured; what it has a weight in lacks them, too: leave it out",)
 
 
 def _run(materials: Sequence[int]) -> Tensor | slice:

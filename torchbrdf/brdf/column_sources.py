@@ -193,7 +193,7 @@ class EmbeddedSource:
         self.names, self.factors = load_default_factors()
         self._kept: dict[int, Tensor] = {}
 
-    @property
+    @cached_property
     def stamp(self) -> str:
         """The factors, and the version of the model that reads them."""
         digest = hashlib.sha256(f"{MODEL_VERSION} {self.names}".encode())
@@ -204,8 +204,7 @@ class EmbeddedSource:
     @property
     def stamps(self) -> tuple[str, ...]:
         """The version, and where among the factors."""
-        stamp = self.stamp
-        return tuple(f"{stamp} {i}" for i in range(len(self.names)))
+        return tuple(f"{self.stamp} {i}" for i in range(len(self.names)))
 
     def subset(self, materials: Sequence[int]) -> "EmbeddedSource":
         """See ColumnSource."""

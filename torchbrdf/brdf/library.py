@@ -75,11 +75,11 @@ class MaterialLibrary:
         known = [cls.default(progress).stored] if EMBEDDED in given else []
         members = library_members(given, known[0].names if known else ())
         tables = {member.name: member.path for member in members if member.path is not None}
-        folder = next(iter(tables.values())).parent if len(given) == 1 else None
-        where = str(folder) if folder is not None and Path(given[0]).is_dir() else ", ".join(given)
+        folder = next(iter(tables.values())).parent if len(given) == 1 and Path(given[0]).is_dir() else None
+        where = ", ".join(given) if folder is None else str(folder)
         _check_enough(len(members), where, f'add MERL *.binary files, or name "{EMBEDDED}" too')
         source = MerlSource(list(tables.values()), list(tables))
-        if folder is not None and Path(given[0]).is_dir() and _is_plain(members):
+        if folder is not None and _is_plain(members):
             resolved = folder.resolve()
             key = hashlib.sha256(os.fsencode(resolved)).hexdigest()[:12]
             stored = open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress)

@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from torchbrdf.brdf._library_building import TARGET_EXPONENT, Build, brightness, reader, same_in
+from torchbrdf.brdf._library_building import TARGET_EXPONENT, Build, reader, remarks, same_in
 from torchbrdf.brdf.column_sources import ColumnSource
 from torchbrdf.brdf.merl import LARGEST
 from torchbrdf.brdf.merl_grid import N_CELLS
@@ -148,7 +148,7 @@ def _complete(folder: Path, manifest: dict[str, Any], stamps: tuple[str, ...]) -
     rows = reader(stored.columns, stored.mapping)
     added = {
         "stamps": stamps,
-        "said": brightness(rows, stored.scale, range(len(stored.names))),
+        "said": remarks(rows, stored.scale, stored.valid, range(len(stored.names))),
         "same": same_in(rows, stored.scale, stored.valid),
         "parts": [],
     }

@@ -2,7 +2,6 @@ from .accuracy import (
     BASELINES as BASELINES,
     Experiment as Experiment,
     Setting as Setting,
-    described as described,
     parse_choice as parse_choice,
     parse_value as parse_value,
     settings_of as settings_of,

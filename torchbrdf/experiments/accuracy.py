@@ -86,12 +86,6 @@ def parse_value(text: str) -> Any:
         return text
 
 
-def described(relation: Relation, folds: Sequence["Experiment"], library: MaterialLibrary) -> str:
-    """For the title of what folds of an experiment with a library have."""
-    fewest = min(len(fold.library) for fold in folds)
-    return f"each without its {relation}" if fewest < len(library) else "of no family that the library holds"
-
-
 @dataclass(frozen=True)
 class Experiment:
     """Targets of some materials under some probes, and the basis images under these.
@@ -159,8 +153,13 @@ class Experiment:
     @property
     def relations(self) -> tuple[Relation, ...]:
         """The kinds of leaving out that make a difference, the family first: what is to be told of each error."""
-        left = [[fold.library.names for fold in self.folds(relation)] for relation in RELATIONS]
-        return RELATIONS if left[0] != left[1] else RELATIONS[:1]
+        by_family, by_material = (by_relatives(self.materials, self.library.names, relation) for relation in RELATIONS)
+        return RELATIONS if by_family != by_material else RELATIONS[:1]
+
+    def left_out(self, relation: Relation) -> str:
+        """For the title of what the folds have."""
+        known = any(by_relatives(self.materials, self.library.names, relation))
+        return f"each without its {relation}" if known else "of no family that the library holds"
 
     def _check_unknown(self) -> None:
         for material in self.materials:

@@ -40,7 +40,6 @@ def by_relatives(
     return groups
 
 
-@lru_cache(maxsize=32)
 def without_relatives(library: MaterialLibrary, material: str) -> MaterialLibrary:
     """The library less the family of a material; the same object for the same family, and itself where it has none."""
     return _without(library, relatives(material, library.names))
