@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment._ascent import SMALLEST_STEP, ascend
-from torchbrdf.estimation import ImageSpace, residual_scale
+from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import (
     Explanation,
     PriorBank,
@@ -47,6 +47,10 @@ RIVAL = 10.0
 _NEGLIGIBLE = 0.01
 """Squared standard deviations of the posterior up to which a step is not worth another evaluation."""
 
+_PROMISING, _OUTLINED = 6, 64
+"""Priors whose evidence is told exactly, those of highest evidence in so many directions: what the others add to it is
+below a thousandth (docs/alignment.md)."""
+
 _COARSE_COLUMNS = 24
 _COARSE_LINES = 288
 """Basis BRDFs that look different, whose materials a coarse search compares, and lines of its light."""
@@ -57,13 +61,14 @@ class Trial:
     """A photograph as it is explained under one rotation of the light.
 
     rotation      (3, 3) float64
-    basis         under the turned light
+    light, basis  the light, and what it shows under the rotation
     y             (1, 3, P) float64: the photograph
     explanation   of the photograph, by all priors
     log_evidence  of all priors together, divided as DOUBT says
     """
 
     rotation: Tensor
+    light: HarmonicBasis
     basis: BasisImages
     y: Tensor
     explanation: Explanation
@@ -110,9 +115,17 @@ class _Changes:
 
 def with_few_materials(light: HarmonicBasis, believed: Trial) -> HarmonicBasis:
     """The same light, less fine, and materials of the library that look different under what is believed of it."""
-    distinct = farthest_points(image_angles(believed.explanation.bank.space), _COARSE_COLUMNS, 0)
-    library = light.library.subset(sorted({light.library.names[column // 3] for column in distinct}))
+    library = light.library.subset(sorted({light.library.names[column // 3] for column in _distinct(believed)}))
     return HarmonicBasis(library, light.probe, light.view, lines=_COARSE_LINES)
+
+
+def _distinct(trial: Trial) -> list[int]:
+    return farthest_points(image_angles(trial.explanation.bank.space), _COARSE_COLUMNS, 0)
+
+
+def distinct_columns(trial: Trial) -> list[int]:
+    """Columns of materials of the library that look different under what is believed of the light, in order."""
+    return [3 * material + channel for material in sorted({c // 3 for c in _distinct(trial)}) for channel in range(3)]
 
 
 def best_of(summits: Sequence[Summit]) -> Summit:
@@ -162,14 +175,23 @@ class RotationSearch:
         """How many independent pixels the evidence counts."""
         return self.y.shape[-1] / self._doubt
 
-    def trial(self, rotation: Tensor, y: Tensor | None = None) -> Trial:
-        """Solve for the weights under one rotation; of another photograph (1, 3, P) where one is given."""
+    def trial(self, rotation: Tensor, y: Tensor | None = None, every: bool = False) -> Trial:
+        """Solve for the weights under one rotation; of another photograph (1, 3, P) where one is given.
+
+        every  prior is kept, for photographs that promise other ones
+        """
         basis = self.light.basis_at(rotation)
-        packed = basis.packed[..., self.used]
-        scale, variances = self._frame or self._first_frame(packed)
-        bank = PriorBank.of(ImageSpace.weighted(packed, scale), variances, correlation=1)
+        packed = basis.packed if bool(self.used.all()) else basis.packed[..., self.used]
+        if self._frame is None:
+            scale = residual_scale(packed.mean(0, dtype=torch.float64), [packed.shape[-1]])
+            space = UnformedSpace.weighted(packed, scale)
+            self._frame = scale, self._priors(space)
+        else:
+            space = UnformedSpace.weighted(packed, self._frame[0])
+        variances, y = self._frame[1], self.y if y is None else y
+        kept = variances if every else variances[promising(space, variances, y)]
         self.evaluations += 1
-        return self._explained(rotation, basis, bank, self.y if y is None else y)
+        return self._explained(rotation, basis, PriorBank.of(space, kept, correlation=1), y)
 
     def with_photograph(self, trial: Trial, y: Tensor) -> Trial:
         """The same with another photograph (1, 3, P): a hundredth of the cost."""
@@ -178,7 +200,7 @@ class RotationSearch:
     def _explained(self, rotation: Tensor, basis: BasisImages, bank: PriorBank, y: Tensor) -> Trial:
         found = bank.explain(y)
         log_evidence = float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt
-        return Trial(rotation, basis, y, found, log_evidence)
+        return Trial(rotation, self.light, basis, y, found, log_evidence)
 
     def climb_beside(self, start: Trial, known: Summit) -> Summit | None:
         """`climb`; None where that leads to a summit that is known, or to none that matters beside it."""
@@ -262,13 +284,18 @@ class RotationSearch:
         count = torch.where(quadratic > 0, bank.independent_pixels / self._doubt / quadratic, 0)
         return (count @ slope).cpu(), torch.einsum("s,sab->ab", count, product).cpu()
 
-    def _first_frame(self, packed: Tensor) -> tuple[Tensor, Tensor]:
-        scale = residual_scale(packed.detach().double().mean(0), [packed.shape[-1]])
-        norms = self.light.library.gram.diagonal().sqrt().to(scale)
-        no_classes = torch.zeros(0, len(norms), dtype=torch.bool, device=scale.device)
-        variances = prior_variances(no_classes, norms, ImageSpace.weighted(packed, scale))
-        self._frame = scale, variances
-        return self._frame
+    def _priors(self, space: UnformedSpace) -> Tensor:
+        norms = self.light.library.gram.diagonal().sqrt().to(space.scale)
+        no_classes = torch.zeros(0, len(norms), dtype=torch.bool, device=norms.device)
+        return prior_variances(no_classes, norms, space)
+
+
+def promising(space: UnformedSpace, variances: Tensor, y: Tensor) -> Tensor:
+    """Which of the priors (M, n) may explain a photograph (1, 3, P) best."""
+    if len(variances) <= _PROMISING:
+        return torch.arange(len(variances), device=variances.device)
+    found = PriorBank.of(space.first(_OUTLINED), variances, correlation=1).explain(y)
+    return found.log_evidence[0].amax(-1).topk(_PROMISING).indices.sort().values
 
 
 def _angle(a: Tensor, b: Tensor) -> float:

@@ -4,7 +4,7 @@ Basis images are linear in the light, Y = Y_rest + f Y_lamps: a factor f of the 
 evidence is that of the estimator's priors, as for rotations; its prior is even on the logarithm from 1 to LARGEST.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, log, pi
@@ -13,8 +13,8 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, likeliest, with_few_materials
-from torchbrdf.estimation import ImageSpace, residual_scale
+from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, distinct_columns, likeliest, promising
+from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances, redundancy, whole_variances
 from torchbrdf.light import Lamps, LightProbe
 from torchbrdf.transport.harmonic import HarmonicBasis
@@ -114,30 +114,46 @@ class _Lighting:
     log_evidence: float
 
 
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What of the basis images under one rotation is by the lamps, and what by all other light, each (n, 3, P)."""
+
+    rotation: Tensor
+    rest: Tensor
+    lamps: Tensor
+
+    @classmethod
+    def of(cls, task: RotationSearch, trial: Trial) -> "_Shown":
+        """Under the rotation of a trial, by the light of a search that may be another's."""
+        light, lamps, rotation = task.light, task.light.probe.lamps, trial.rotation
+        assert lamps is not None
+        known = trial.light is light
+        whole = (trial.basis if known else light.basis_at(rotation)).packed[..., task.used]
+        alone = HarmonicBasis(light.library, LightProbe(lamps.radiance), light.view, lines=light.lines)
+        shown = alone.basis_at(rotation).packed[..., task.used]
+        return cls(rotation, whole - shown, shown)
+
+
 class LampSearch:
     """The evidence of one photograph as a function of the factors of the light's lamps, under one rotation.
 
-    light     of a probe with lamps
-    rotation  (3, 3)
-    y, used   as for `RotationSearch`
-    whole     with the priors of the whole library only
+    task     whose light has lamps
+    shown    by that light
+    columns  basis BRDFs, with the priors of the whole library only; None for all, with all priors
     Residuals are divided by what the photograph itself shows, so that evidence of all factors compares.
     """
 
-    def __init__(
-        self, light: HarmonicBasis, rotation: Tensor, y: Tensor, used: Tensor, whole: bool = False
-    ) -> None:
-        """Render the basis images of the lamps and of all the rest."""
-        lamps = light.probe.lamps
+    def __init__(self, task: RotationSearch, shown: _Shown, columns: Sequence[int] | None = None) -> None:
+        """Nothing is computed yet."""
+        lamps = task.light.probe.lamps
         assert lamps is not None
-        alone = HarmonicBasis(light.library, LightProbe(lamps.radiance), light.view, lines=light.lines)
-        self._lamps = alone.basis_at(rotation).packed[..., used]
-        self._rest = light.basis_at(rotation).packed[..., used] - self._lamps
-        self.y, self.lamps, self.rotation, self._whole = y, lamps, rotation, whole
+        norms = task.light.library.gram.diagonal().sqrt().to(task.y)
+        few = slice(None) if columns is None else columns
+        self._rest, self._lamps, self._norms = shown.rest[few], shown.lamps[few], norms[few]
+        self.y, self.lamps, self._whole = task.y, lamps, columns is not None
         self.channels = lamps.channels.double()
-        self._norms = light.library.gram.diagonal().sqrt().to(y)
-        self._doubt = redundancy(DOUBT, y.shape[-1])
-        self._scale = residual_scale(y[0], [y.shape[-1]])
+        self._doubt = redundancy(DOUBT, self.y.shape[-1])
+        self._scale = residual_scale(self.y[0], [self.y.shape[-1]])
         self._variances: Tensor | None = None
 
     @cached_property
@@ -148,15 +164,19 @@ class LampSearch:
     def at(self, log_factors: Tensor) -> _Lighting:
         """Solve for the weights."""
         factors = (log_factors * self.channels).exp().to(self._lamps)[:, None]
-        space = ImageSpace.weighted(self._rest + factors * self._lamps, self._scale)
+        space = UnformedSpace.weighted(self._rest + factors * self._lamps, self._scale)
         if self._variances is None:
-            none = torch.zeros(0, len(self._norms), dtype=torch.bool, device=self._norms.device)
-            whole = whole_variances(self._norms)
-            self._variances = (
-                whole / whole.mean(1, keepdim=True) if self._whole else prior_variances(none, self._norms, space)
-            )
-        found = PriorBank.of(space, self._variances, correlation=1).explain(self.y)
+            self._variances = self._priors(space)
+        kept = self._variances[promising(space, self._variances, self.y)]
+        found = PriorBank.of(space, kept, correlation=1).explain(self.y)
         return _Lighting(log_factors, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
+
+    def _priors(self, space: UnformedSpace) -> Tensor:
+        if not self._whole:
+            none = torch.zeros(0, len(self._norms), dtype=torch.bool, device=self._norms.device)
+            return prior_variances(none, self._norms, space)
+        whole = whole_variances(self._norms)
+        return whole / whole.mean(1, keepdim=True)
 
     def scan(self) -> tuple[Tensor, Tensor]:
         """Logarithms of factors (K,), the same for all channels, and the log evidence of each."""
@@ -214,19 +234,20 @@ class LampSearch:
 
 def first_guess(task: RotationSearch, believed: Trial) -> LampRadiance | None:
     """One factor for all channels, by few materials under the rotation that is believed; None without lamps."""
-    light, lamps = task.light, task.light.probe.lamps
-    if lamps is None:
-        return None
-    search = LampSearch(with_few_materials(light, believed), believed.rotation, task.y, task.used, whole=True)
+    return None if task.light.probe.lamps is None else _guessed(task, believed, _Shown.of(task, believed))
+
+
+def _guessed(task: RotationSearch, trial: Trial, shown: _Shown) -> LampRadiance:
+    search = LampSearch(task, shown, distinct_columns(trial))
     steps, evidence = search.scan()
     posterior = torch.softmax(evidence, 0)
     mean = (posterior * steps).sum()
     spread = float((posterior * (steps - mean).square()).sum().sqrt())
     return LampRadiance(
-        lamps=lamps,
+        lamps=search.lamps,
         factors=(steps[evidence.argmax()] * search.channels).exp(),
         std=max(spread, _STEP / 2) * search.channels,
-        log_odds=inf if lamps.unknown else float(evidence.logsumexp(0) - evidence[0]) - log(len(steps)),
+        log_odds=inf if search.lamps.unknown else float(evidence.logsumexp(0) - evidence[0]) - log(len(steps)),
     )
 
 
@@ -247,8 +268,9 @@ def with_lamp(
             task = _lit(given, current)
             climbed = climb(task, task.trial(believed.rotation) if current.clipped else believed)
             evaluations += task.evaluations if task is not given else 0
-            guess = lamp if climbed[1] is believed else first_guess(given, climbed[1]) or current
-            before, (current, evidence) = current, _radiance_at(given, climbed[1].rotation, guess)
+            shown = _Shown.of(given, climbed[1])
+            guess = lamp if climbed[1] is believed else _guessed(given, climbed[1], shown)
+            before, (current, evidence) = current, _radiance_at(given, shown, guess)
             settled = current.is_near(before)
             if settled:
                 break
@@ -259,7 +281,7 @@ def with_lamp(
     if lamp.at_bound and not lamp.lamps.unknown:  # no top, but light that the photograph explains no other way
         lamp = replace(recorded, std=log(LARGEST) * lamp.lamps.channels.double(), log_odds=0.0)
     task = _lit(given, lamp)
-    if lamp.clipped or best.basis.probe != task.light.probe.fingerprint:
+    if best.light is not task.light:
         best = task.trial(best.rotation)
     task.evaluations += evaluations + (given.evaluations if task is not given else 0)
     return task, lamp, (summit, best, log_odds)
@@ -273,9 +295,9 @@ def _lit(given: RotationSearch, lamp: LampRadiance) -> RotationSearch:
     return RotationSearch(light, given.y, given.used, given.expected)
 
 
-def _radiance_at(task: RotationSearch, rotation: Tensor, guess: LampRadiance) -> tuple[LampRadiance, float]:
+def _radiance_at(task: RotationSearch, shown: _Shown, guess: LampRadiance) -> tuple[LampRadiance, float]:
     """The factors of the lamps of the probe of a search, under one rotation, from a guess; their log evidence."""
-    search = LampSearch(task.light, rotation, task.y, task.used)
+    search = LampSearch(task, shown)
     top, precision = search.climb(guess.factors.log())
     count = int(search.channels.sum())
     precision = precision + torch.outer(search.channels, search.channels) * 12 / (count * search.largest) ** 2  # even

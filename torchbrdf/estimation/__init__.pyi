@@ -2,6 +2,7 @@ from .classes import MaterialClasses as MaterialClasses
 from .estimator import BRDFEstimator as BRDFEstimator
 from .image_space import (
     ImageSpace as ImageSpace,
+    UnformedSpace as UnformedSpace,
     residual_scale as residual_scale,
 )
 from .masked_photographs import check_observation as check_observation

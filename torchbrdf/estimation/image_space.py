@@ -63,14 +63,8 @@ class ImageSpace:
     @classmethod
     def weighted(cls, packed: Tensor, scale: Tensor) -> "ImageSpace":
         """Factor basis images (n, 3, P) divided by any scale (3, P)."""
-        n, channels, pixels = packed.shape
-        weighted = scale.new_empty(channels, n, pixels).copy_(packed.detach().transpose(0, 1))
-        weighted *= _inverse(scale)[:, None]  # mixed precisions in one product are ten times slower
-        squared, v = torch.linalg.eigh(lower_gram(weighted))
-        squared, v = squared.flip(-1), v.flip(-1)
-        rank = int((squared > CUT**2 * squared[:, :1]).sum(-1).max().clamp_min(1))
-        squared, v = squared[:, :rank], v[..., :rank]
-        singular = torch.where(squared > _ROUNDING * squared[:, :1], squared, 0).clamp_min(0).sqrt()
+        weighted = _weighted(packed, scale)
+        singular, v = principal(lower_gram(weighted))
         u = _orthonormal(weighted.mT @ (v * _inverse(singular)[:, None]))
         return cls(scale, u, (weighted @ u).mT)
 
@@ -147,6 +141,68 @@ class ImageSpace:
 
     def _in(self, dtype: torch.dtype) -> Tensor:
         return self.single if dtype == torch.float32 else self.u
+
+
+class UnformedSpace(ImageSpace):
+    """An `ImageSpace` whose U is formed where it is asked for: a few photographs are seen through Y itself, in less time.
+
+    columns  (3, n, P) float64: weighted basis images
+    inward   (3, n, r) float64: U = columns^T inward, but for rounding
+    """
+
+    columns: Tensor
+    inward: Tensor
+
+    def __init__(self, scale: Tensor, columns: Tensor, inward: Tensor, r: Tensor) -> None:
+        """Of one photograph."""
+        for name, value in (("scale", scale), ("r", r), ("columns", columns), ("inward", inward), ("photographs", 1)):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def weighted(cls, packed: Tensor, scale: Tensor) -> "UnformedSpace":
+        """Basis images (n, 3, P) divided by any scale (3, P)."""
+        columns = _weighted(packed, scale)
+        return cls.of_gram(columns, scale, lower_gram(columns))
+
+    @classmethod
+    def of_gram(cls, columns: Tensor, scale: Tensor, gram: Tensor) -> "UnformedSpace":
+        """Weighted basis images (3, n, P) whose products (3, n, n) are known."""
+        singular, v = principal(gram)
+        return cls(scale, columns, v * _inverse(singular)[:, None], singular[..., None] * v.mT)
+
+    @cached_property
+    def u(self) -> Tensor:  # type: ignore[override]
+        """Orthonormal columns (3, P, r)."""
+        return _orthonormal(self.columns.mT @ self.inward)
+
+    def first(self, count: int) -> "UnformedSpace":
+        """The directions in which basis images are largest only."""
+        return UnformedSpace(self.scale, self.columns, self.inward[..., :count], self.r[:, :count])
+
+    def render(self, weights: Tensor, dtype: torch.dtype) -> Tensor:
+        """Y w, less what was cut: weights (B, 3, n) -> (B, 3, P)."""
+        kept = weights.transpose(0, 1) @ self.r.mT @ self.inward.mT
+        return (kept @ self.columns).transpose(0, 1).to(dtype) * self.scale.to(dtype)
+
+    def _towards(self, image: Tensor) -> Tensor:
+        return (image.double().transpose(0, 1) @ self.columns.mT @ self.inward).transpose(0, 1)
+
+
+def principal(gram: Tensor) -> tuple[Tensor, Tensor]:
+    """Singular values (3, r) above CUT and their vectors (3, n, r), of the lower triangles of Y^T Y (3, n, n)."""
+    squared, v = torch.linalg.eigh(gram)
+    squared, v = squared.flip(-1), v.flip(-1)
+    rank = int((squared > CUT**2 * squared[:, :1]).sum(-1).max().clamp_min(1))
+    squared, v = squared[:, :rank], v[..., :rank]
+    return torch.where(squared > _ROUNDING * squared[:, :1], squared, 0).clamp_min(0).sqrt(), v
+
+
+def _weighted(packed: Tensor, scale: Tensor) -> Tensor:
+    """(3, n, P) float64: mixed precisions in one product are ten times slower."""
+    n, channels, pixels = packed.shape
+    weighted = scale.new_empty(channels, n, pixels).copy_(packed.detach().transpose(0, 1))
+    weighted *= _inverse(scale)[:, None]
+    return weighted
 
 
 def _orthonormal(u: Tensor) -> Tensor:
