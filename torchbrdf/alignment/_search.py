@@ -23,6 +23,7 @@ from torchbrdf.estimation.priors import (
     image_angles,
     prior_variances,
     redundancy,
+    whole_variances,
 )
 from torchbrdf.light import LightProbe, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
@@ -52,8 +53,9 @@ _PROMISING, _OUTLINED = 6, 64
 below a thousandth (docs/alignment.md)."""
 
 _COARSE_COLUMNS = 24
-_COARSE_LINES = 288
-"""Basis BRDFs that look different, whose materials a coarse search compares, and lines of its light."""
+_COARSE_LINES, _COARSE_ROWS, _COARSE_FREQUENCIES = 288, 64, 96
+"""Basis BRDFs that look different, whose materials a coarse search compares; lines of its light, rows of texels, and
+frequencies in azimuth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +115,6 @@ class _Changes:
     rendered: Tensor
 
 
-def with_few_materials(light: HarmonicBasis, believed: Trial) -> HarmonicBasis:
-    """The same light, less fine, and materials of the library that look different under what is believed of it."""
-    library = light.library.subset(sorted({light.library.names[column // 3] for column in _distinct(believed)}))
-    return HarmonicBasis(library, light.probe, light.view, lines=_COARSE_LINES)
-
-
 def _distinct(trial: Trial) -> list[int]:
     return farthest_points(image_angles(trial.explanation.bank.space), _COARSE_COLUMNS, 0)
 
@@ -146,16 +142,28 @@ class RotationSearch:
     y         (1, 3, P) float64, the pixels used
     used      (P,) bool, of the pixels of the view
     expected  standard deviation in radians about each axis of how far the light is turned from where a climb starts
+    whole     with the priors of the whole library only
     What residuals are divided by, and the priors, are those of the first rotation tried, so that evidence compares.
     """
 
-    def __init__(self, light: HarmonicBasis, y: Tensor, used: Tensor, expected: float) -> None:
+    def __init__(
+        self, light: HarmonicBasis, y: Tensor, used: Tensor, expected: float, whole: bool = False
+    ) -> None:
         """Nothing is computed yet."""
-        self.light, self.y, self.used, self.expected = light, y, used.to(y.device), expected
+        self.light, self.y, self.used, self.expected, self._whole = light, y, used.to(y.device), expected, whole
         self.evaluations = 0
         self._doubt = redundancy(DOUBT, y.shape[-1])
         self._frame: tuple[Tensor, Tensor] | None = None
         self._changes: _Changes | None = None
+
+    def coarse(self, believed: Trial) -> "RotationSearch":
+        """With materials that look different under what is believed of the light, which is less fine."""
+        names, probe = self.light.library.names, self.light.probe
+        library = self.light.library.subset(sorted({names[column // 3] for column in _distinct(believed)}))
+        if probe.height > _COARSE_ROWS:
+            probe = probe.resized(_COARSE_ROWS)
+        light = HarmonicBasis(library, probe, self.light.view, lines=_COARSE_LINES, most=_COARSE_FREQUENCIES)
+        return RotationSearch(light, self.y, self.used, self.expected, whole=True)
 
     def under(self, probe: LightProbe) -> "RotationSearch":
         """The same photograph under another probe, with evidence that compares."""
@@ -285,9 +293,15 @@ class RotationSearch:
         return (count @ slope).cpu(), torch.einsum("s,sab->ab", count, product).cpu()
 
     def _priors(self, space: UnformedSpace) -> Tensor:
-        norms = self.light.library.gram.diagonal().sqrt().to(space.scale)
-        no_classes = torch.zeros(0, len(norms), dtype=torch.bool, device=norms.device)
-        return prior_variances(no_classes, norms, space)
+        return priors_of(self.light.library.gram.diagonal().sqrt().to(space.scale), space, self._whole)
+
+
+def priors_of(norms: Tensor, space: UnformedSpace, whole: bool) -> Tensor:
+    """Variances (M, n) of all priors without classes, of basis BRDFs of norms (n,); or of the whole library only."""
+    if whole:
+        variances = whole_variances(norms)
+        return variances / variances.mean(1, keepdim=True)
+    return prior_variances(torch.zeros(0, len(norms), dtype=torch.bool, device=norms.device), norms, space)
 
 
 def promising(space: UnformedSpace, variances: Tensor, y: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import RIVAL, RotationSearch, Summit, Trial, best_of, with_few_materials
+from torchbrdf.alignment._search import RIVAL, RotationSearch, Summit, Trial, best_of
 from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
@@ -263,7 +263,7 @@ def dominated(probe: LightProbe) -> bool:
 
 def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
     """Where few materials under less light end, whose hill has fewer side peaks; none where it is worse."""
-    coarse = _with_few(task, believed)
+    coarse = task.coarse(believed)
     top = coarse.climb(coarse.trial(believed.rotation), _ROUGHLY).trial
     task.evaluations += coarse.evaluations
     found = task.trial(top.rotation)
@@ -286,7 +286,7 @@ def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Tr
 
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:
     """Trials of the most promising turns about +Y, compared with few basis BRDFs and less light."""
-    coarse = _with_few(task, believed)
+    coarse = task.coarse(believed)
     steps = [rotation_of(torch.tensor([0.0, radians(360 / _TURNS * k), 0.0])) for k in range(_TURNS)]
     turns = [step @ believed.rotation for step in steps]
     evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns])
@@ -295,10 +295,6 @@ def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]
     followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()
     task.evaluations += coarse.evaluations
     return [task.trial(turns[k]) for k in followed]
-
-
-def _with_few(task: RotationSearch, believed: Trial) -> RotationSearch:
-    return RotationSearch(with_few_materials(task.light, believed), task.y, task.used, EXPECTED)
 
 
 def _blurred(task: RotationSearch, best: Trial, summit: Summit, turned: bool) -> tuple[Trial, float, Summit]:

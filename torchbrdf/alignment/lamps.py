@@ -13,9 +13,9 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, distinct_columns, likeliest, promising
+from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, distinct_columns, likeliest, priors_of, promising
 from torchbrdf.estimation import UnformedSpace, residual_scale
-from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances, redundancy, whole_variances
+from torchbrdf.estimation.priors import Explanation, PriorBank, redundancy
 from torchbrdf.light import Lamps, LightProbe
 from torchbrdf.transport.harmonic import HarmonicBasis
 
@@ -166,17 +166,10 @@ class LampSearch:
         factors = (log_factors * self.channels).exp().to(self._lamps)[:, None]
         space = UnformedSpace.weighted(self._rest + factors * self._lamps, self._scale)
         if self._variances is None:
-            self._variances = self._priors(space)
+            self._variances = priors_of(self._norms, space, self._whole)
         kept = self._variances[promising(space, self._variances, self.y)]
         found = PriorBank.of(space, kept, correlation=1).explain(self.y)
         return _Lighting(log_factors, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
-
-    def _priors(self, space: UnformedSpace) -> Tensor:
-        if not self._whole:
-            none = torch.zeros(0, len(self._norms), dtype=torch.bool, device=self._norms.device)
-            return prior_variances(none, self._norms, space)
-        whole = whole_variances(self._norms)
-        return whole / whole.mean(1, keepdim=True)
 
     def scan(self) -> tuple[Tensor, Tensor]:
         """Logarithms of factors (K,), the same for all channels, and the log evidence of each."""

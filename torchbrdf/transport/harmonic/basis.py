@@ -1,21 +1,17 @@
 """Basis images of one view under one probe in any orientation, by the harmonic transport [CBP21, eq. 5]."""
 
 from dataclasses import replace
-from math import radians
 
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary
-from torchbrdf.light import LightProbe, checked_rotation, rotation_of
+from torchbrdf.light import LightProbe, checked_rotation
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.harmonic.cache import transport_of
-from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight, beside
+from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
-
-_STEP = radians(0.15)
-"""Of the differences that tell how an image changes as the light turns."""
 
 
 class HarmonicBasis:
@@ -25,12 +21,18 @@ class HarmonicBasis:
     view      without shadows: a `SphereView`, in perspective of a camera at least `NEAREST` radii away, or a
               `NormalMapView` of an orthographic camera along -Z
     progress  show it while the transport is precomputed
-    lines     of the light, see `TurningLight`
+    lines, most  of the light, see `TurningLight`
     Raises ValueError for another view.
     """
 
     def __init__(
-        self, library: MaterialLibrary, probe: LightProbe, view: View, progress: bool = False, lines: int = LINES
+        self,
+        library: MaterialLibrary,
+        probe: LightProbe,
+        view: View,
+        progress: bool = False,
+        lines: int = LINES,
+        most: int | None = None,
     ) -> None:
         """Open the transport of the library."""
         reason = unsuited(view)
@@ -39,7 +41,8 @@ class HarmonicBasis:
         self.library, self.probe, self.view, self.lines = library, probe, view, lines
         self.transport = transport_of(library, progress, in_perspective(view))
         self._facing, self._frame = facing(view)
-        self._light = TurningLight(probe.to(self.transport.device), lines)
+        light = TurningLight(probe.to(self.transport.device), lines)
+        self._light = light if most is None else replace(light, most=most)
         whole = library.materials == tuple(range(len(library.stored.names)))
         self._columns = None if whole else library.column_index.to(self.transport.device)
 
@@ -85,24 +88,11 @@ class HarmonicBasis:
     def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
         """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
 
-        Central differences over a third of a degree, as fine as the transport resolves: the light is bilinear between
-        texels, and its derivative jumps. An image is linear in the light, so one image shows the difference of two.
-        Raises ValueError for other weights, or where rotation is none.
+        An image is linear in the light, so one image shows how it changes. Raises ValueError for other weights, or where
+        rotation is none.
         """
         self._check(weights, rotation)
-        turned = self._in_frame(rotation.double())
-        changes: list[LightHarmonics] = []
-        for axis in torch.eye(3, dtype=torch.float64)[:2]:
-            after, before = (self._light.harmonics(rotation_of(sign * _STEP * axis) @ turned) for sign in (1, -1))
-            changes.append([
-                ((a - b) / (2 * _STEP), (ia - ib) / (2 * _STEP))
-                for (a, ia), (b, ib) in zip(after, before, strict=True)
-            ])  # fmt: skip
-        about_view: LightHarmonics = []
-        for light, multiple in self._light.harmonics(turned):  # times exp(-i m angle), a turn about +Z
-            slope = torch.sin(torch.arange(len(light), device=light.device) * _STEP)[:, None, None] / _STEP
-            about_view.append((-slope * multiple, slope * light))
-        change = self._images(beside([*changes, about_view]), weights)
+        change = self._images(self._light.changes(self._in_frame(rotation.double())), weights)
         return change if self._frame is None else torch.einsum("ij,jcp->icp", self._frame.to(change), change)
 
     def _light_at(self, rotation: Tensor | None) -> LightHarmonics:
@@ -125,8 +115,7 @@ class HarmonicBasis:
 
     def _images(self, light: LightHarmonics, weights: Tensor) -> Tensor:
         """(K, 3, P): Y w under K lights that are `beside` each other."""
-        blended = self.transport.blended(light, self._facing, self._whole(weights)).unflatten(1, (-1, 3))
-        return torch.diagonal(blended, dim1=0, dim2=2).movedim(-1, 1)  # each combination in its own channel
+        return self.transport.coloured(light, self._facing, self._whole(weights))
 
     def _whole(self, weights: Tensor) -> Tensor:
         """Weights (..., n, 3) of this library's columns as weights of all stored ones."""

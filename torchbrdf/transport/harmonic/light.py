@@ -1,7 +1,7 @@
 """A light probe about the view direction: Fourier series in azimuth, splines over the polar angle."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import atan2, pi, radians, sin
 
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from torchbrdf.lasting import lasting
+from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.light import LightProbe, texel_coordinates
 from torchbrdf.transport.harmonic.grid import Zone, zones
 
@@ -45,12 +45,15 @@ class TurningLight:
     blur   standard deviation, in radians, of a blur along the probe's own rows: it spreads the texels that crowd at
            its poles, which the lines would miss
     grid   the zones whose coefficients are wanted; None for those of libraries
+    most   azimuth frequencies that are wanted; None for all of every zone
     """
 
     probe: LightProbe
     lines: int = LINES
     blur: float = _BLUR
     grid: tuple[Zone, ...] | None = None
+    most: int | None = None
+    _last: LastFew[tuple[float, ...], "_Turned"] = field(default_factory=lambda: LastFew(1), init=False, repr=False)
 
     def harmonics(self, rotation: Tensor | None = None) -> LightHarmonics:
         """The coefficients of the probe turned by a rotation (3, 3), as in `LightProbe.rotated`; None for none.
@@ -58,19 +61,45 @@ class TurningLight:
         A turn about the view axis +Z is a phase. Gradients flow to the radiance and to the rotation.
         """
         if rotation is None:
-            return [_with_multiple(spectrum) for spectrum in self._upright]
+            return [_with_multiple(spectrum) for spectrum in self._upright.spectra]
         angle = None if rotation.requires_grad else _turn_about_view(rotation)
         if angle is None:
-            return [_with_multiple(spectrum) for spectrum in self._spectra(rotation)]
+            return [_with_multiple(spectrum) for spectrum in self._turned(rotation).spectra]
         found = []
-        for spectrum in self._upright:
+        for spectrum in self._upright.spectra:
             phase = -angle * torch.arange(spectrum.shape[2], device=spectrum.device)
             found.append(_with_multiple(spectrum * torch.polar(torch.ones_like(phase), phase)))
         return found
 
+    def changes(self, rotation: Tensor) -> LightHarmonics:
+        """How they change with further turns about +X, +Y and +Z, per radian, as of three lights `beside` each other.
+
+        With series L_m(beta) in azimuth, a turn about +X adds i/2 (P_{m-1} + N_{m+1}), one about +Y adds
+        1/2 (P_{m-1} - N_{m+1}), of P_m = m cot(beta) L_m - L_m' and N_m = m cot(beta) L_m + L_m'; one about +Z, -i m L_m.
+        """
+        turned = self._turned(rotation)
+        series = turned.series[..., : 2 + max(spectrum.shape[2] for spectrum in turned.spectra)]
+        slope = _slope(series)
+        beta = (torch.arange(self.lines, device=series.device) + 0.5) * (pi / self.lines)
+        about = torch.arange(series.shape[-1], device=series.device) / torch.tan(beta)[:, None] * series
+        up, down = about - slope, about + slope
+        before, after = torch.cat([-down[..., 1:2].conj(), up[..., :-2]], -1), down[..., 1:]
+        tilted = self._projected(torch.cat([0.5j * (before + after), 0.5 * (before - after)]))
+        found = []
+        for sideways, spectrum in zip(tilted, turned.spectra, strict=True):
+            multiple = torch.arange(spectrum.shape[2], device=spectrum.device) * -1j
+            found.append(_with_multiple(torch.cat([sideways[..., : spectrum.shape[2]], spectrum * multiple])))
+        return found
+
     @cached_property
-    def _upright(self) -> list[Tensor]:
-        return self._spectra(None)
+    def _upright(self) -> "_Turned":
+        return self._seen(None)
+
+    def _turned(self, rotation: Tensor) -> "_Turned":
+        """Remembered for the last rotation."""
+        if rotation.requires_grad or self.probe.radiance.requires_grad:
+            return self._seen(rotation)
+        return self._last.get_or_make(tuple(rotation.flatten().tolist()), lambda: self._seen(rotation))
 
     @cached_property
     def _texels(self) -> Tensor:
@@ -87,8 +116,7 @@ class TurningLight:
         spread = torch.cat([top, middle, bottom], 1)
         return torch.cat([spread[..., -1:], spread, spread[..., :1]], -1)
 
-    def _spectra(self, rotation: Tensor | None) -> list[Tensor]:
-        """(3, elevations, M) complex64 for every zone."""
+    def _seen(self, rotation: Tensor | None) -> "_Turned":
         height, device = self._texels.shape[1], str(self._texels.device)
         if rotation is None:
             places = _places(height, self.lines, device)
@@ -96,12 +124,34 @@ class TurningLight:
             turned = _polar_directions(self.lines) @ rotation.to("cpu", torch.float32)  # a row vector times R is R^T d
             places = _places_of(turned, height).to(device)
         seen = grid_sample(self._texels[None], places[None], mode="bilinear", align_corners=True)[0]
-        spectrum = torch.view_as_real(torch.fft.rfft(seen, norm="forward"))
-        found = []
+        series = torch.fft.rfft(seen, norm="forward")
+        return _Turned(series, self._projected(series))
+
+    def _projected(self, series: Tensor) -> list[Tensor]:
+        """(C, elevations, M) complex64 for every zone, of series (C, lines, M)."""
+        parts, found = torch.view_as_real(series), []
         for zone in self.grid or zones():
-            kept = spectrum[:, :, : zone.frequencies].flatten(2)
-            found.append(torch.view_as_complex((_projection(zone, self.lines, device) @ kept).unflatten(2, (-1, 2))))
+            kept = parts[:, :, : min(zone.frequencies, self.most or zone.frequencies)].flatten(2)
+            projection = _projection(zone, self.lines, str(series.device))
+            found.append(torch.view_as_complex((projection @ kept).unflatten(2, (-1, 2))))
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Turned:
+    """A light under one rotation: its series in azimuth (3, lines, M), and the (3, elevations, M) of every zone."""
+
+    series: Tensor
+    spectra: list[Tensor]
+
+
+def _slope(series: Tensor) -> Tensor:
+    """Derivatives by the polar angle of series (C, lines, M): differences of fourth order, on beyond the poles."""
+    lines, mirrored = series.shape[1], 1 - 2 * (torch.arange(series.shape[2], device=series.device) % 2)
+    first, last = (end.flip(1) * mirrored for end in (series[:, :2], series[:, -2:]))
+    padded = torch.cat([first, series, last], 1)
+    near, far = padded[:, 3:-1] - padded[:, 1:-3], padded[:, 4:] - padded[:, :-4]
+    return (8 * near - far) * (lines / (12 * pi))
 
 
 def _with_multiple(spectrum: Tensor) -> tuple[Tensor, Tensor]:

@@ -88,6 +88,14 @@ class HarmonicTransport:
             image[:, channels * pixels.start : channels * pixels.stop] += blends.T
         return self._in_place(image, view)
 
+    def coloured(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
+        """(K, 3, P) float32: what `blended` has of weights (n, 3) with each combination in its own channel of a light."""
+        blend, channels = weights.to(self.device, torch.float32), _channels(light[0][0])
+        image = torch.zeros(1, channels * len(view.pixels), device=self.device)
+        for _, pixels, blends in self._seen(light, view, blend, own=True):
+            image[0, channels * pixels.start : channels * pixels.stop] += blends[:, 0]
+        return self._in_place(image, view)[0].unflatten(0, (-1, 3))
+
     def pictured(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
         """(K, 3, P) float32: K pictures with weights (K, n, 3), as `blended` has them but with no lookup of the view.
 
@@ -106,18 +114,18 @@ class HarmonicTransport:
         return grid.seen_by(view).unflatten(0, (-1, 3))
 
     def _seen(
-        self, light: LightHarmonics, view: View, blend: Tensor | None = None
+        self, light: LightHarmonics, view: View, blend: Tensor | None = None, own: bool = False
     ) -> Iterator[tuple[Kernels, slice, Tensor]]:
         """Every group of rings, the pixels that see it, and its mixtures there or their blends.
 
-        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other.
+        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other; (3 K Q, 1) of each in its own channel.
         """
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
         for group, seen in zip(self._groups_of(view), self.lookup(view).groups, strict=True):
             if seen is None:
                 continue
             mixes = None if blend is None else group.mixes(blend)
-            rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes))
+            rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes, own))
             mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
             yield group, seen.pixels, mixtures.view(_channels(light[0][0]) * len(mixtures), -1)
 
@@ -146,13 +154,18 @@ def frequencies_of(light: Tensor) -> int:
 
 
 def spectrum(
-    group: Kernels, light: tuple[Tensor, Tensor], contained: int, mixes: Sequence[tuple[Tensor, Tensor]] | None = None
+    group: Kernels,
+    light: tuple[Tensor, Tensor],
+    contained: int,
+    mixes: Sequence[tuple[Tensor, Tensor]] | None = None,
+    own: bool = False,
 ) -> Tensor:
     """(M, 2, G, 3 K, R) or (M, 2, G, 3 K, C): series of the mixtures' radiance along the rings, or of blends of them.
 
     2 for real and imaginary parts, 3 K for the channels of the light
     contained  frequencies of the light; M is at most that
     mixes      of every band, to blends instead of mixtures: (r, C) for the even and (s, C) for the odd part
+    own        of three blends each in its own channel of a light, C = 1
     """
     mixes = mixes or [(band.mix_even, band.mix_odd) for band in group.bands]
     parts, channels = [], _channels(light[0])
@@ -163,15 +176,22 @@ def spectrum(
         frequencies = slice(band.low, band.low + count)
         rows = slice(group.first_row, group.first_row + band.even.shape[1])
         even, odd = (
-            torch.bmm(side[frequencies, :, rows], kernels[:count])
-            .view(2 * count, channels, group.n_rings, len(part))
-            .transpose(1, 2)
-            .reshape(2 * channels * count * group.n_rings, len(part))
+            torch.bmm(side[frequencies, :, rows], kernels[:count]).view(2 * count, channels, group.n_rings, len(part))
             for side, kernels, part in zip(light, (band.even, band.odd), mix, strict=True)
         )
+        if own:
+            parts.append(_in_own_channel(even, mix[0]) + _in_own_channel(odd, mix[1]))
+            continue
+        even, odd = (side.transpose(1, 2).flatten(0, 2) for side in (even, odd))
         parts.append((even @ mix[0]).addmm_(odd, mix[1]))
     series = torch.cat(parts)
-    return series.view(-1, 2, group.n_rings, channels, series.shape[1])
+    return series.view(-1, 2, group.n_rings, channels, 1 if own else series.shape[1])
+
+
+def _in_own_channel(mixtures: Tensor, mix: Tensor) -> Tensor:
+    """(M, G, 3 K): mixtures (M, 3 K, G, r) times (r, 3), channels of a light each with a column of its own."""
+    of_lights = mixtures.unflatten(1, (-1, 3))
+    return torch.stack([of_lights[:, :, c] @ mix[:, c] for c in range(3)], -1).transpose(1, 2).flatten(2)
 
 
 def _channels(coefficients: Tensor) -> int:
