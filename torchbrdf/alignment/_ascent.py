@@ -25,12 +25,14 @@ class Top(Generic[Place]):
     """Where steps uphill ended: the best place, its height, the precision there, and whether the last step was short.
 
     It was not where steps ran out, or none of any length led higher.
+    hope  what the climb might gain as its start promised
     """
 
     best: Place
     height: float
     precision: Tensor
     converged: bool
+    hope: float = 0.0
 
 
 def ascend(
@@ -54,18 +56,20 @@ def ascend(
     ends             whether a place does that may gain so much; infinitely much before its derivatives are known
     """
     best, top, damping, stretch = start, height(start), 0.0, 1.0
-    precision = torch.empty(0)
+    precision, hope = torch.empty(0), None
     for _ in range(most_steps):
         gradient, precision = slope(best)
         deviations = float(gradient @ torch.linalg.solve(precision, gradient))
-        if deviations < negligible or ends(best, _HOPE * deviations / 2):
-            return Top(best, top, precision, deviations < negligible)
+        gain = _HOPE * deviations / 2
+        hope = gain if hope is None else hope
+        if deviations < negligible or ends(best, gain):
+            return Top(best, top, precision, deviations < negligible, hope)
         while True:
             step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
             step = step * min(stretch, _LONGEST_STEP / max(float(step.norm()), 1e-12))
             short = float(step.norm()) < shortest
             if short or damping > _MOST_DAMPING:
-                return Top(best, top, precision, short)
+                return Top(best, top, precision, short, hope)
             new = moved(best, step)
             reached = height(new)
             if reached > top:
@@ -75,4 +79,4 @@ def ascend(
         best, top, damping, stretch = new, reached, damping / 4, min(2 * stretch, longest_stretch)
         if ends(best, inf):
             break
-    return Top(best, top, precision, False)
+    return Top(best, top, precision, False, hope or 0.0)

@@ -8,7 +8,7 @@ change of the image as the light turns counts where no weights can imitate it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import exp, log, radians
+from math import exp, inf, log, radians
 from operator import attrgetter
 
 import torch
@@ -53,7 +53,7 @@ _PROMISING, _OUTLINED = 6, 64
 below a thousandth (docs/alignment.md)."""
 
 _COARSE_COLUMNS = 24
-_COARSE_LINES, _COARSE_ROWS, _COARSE_FREQUENCIES = 288, 64, 96
+_COARSE_LINES, _COARSE_ROWS, _COARSE_FREQUENCIES = 288, 64, 64
 """Basis BRDFs that look different, whose materials a coarse search compares; lines of its light, rows of texels, and
 frequencies in azimuth."""
 
@@ -87,12 +87,14 @@ class Summit:
     log_evidence  of all rotations around it together, each weighted by the prior around where the climb began: the
                   log posterior at the best, and the volume of the Gaussian of `precision` over the prior's (Laplace)
     converged     whether the last step was short enough; not where steps ran out, or none of any length led higher
+    hope          what a climb from where this one began might gain
     """
 
     trial: Trial
     precision: Tensor
     log_evidence: float
     converged: bool
+    hope: float = 0.0
 
     def outdoes(self, trial: Trial, gain: float, reach: float) -> bool:
         """Whether a trial cannot become another summit that matters, were its evidence higher by a gain.
@@ -210,10 +212,15 @@ class RotationSearch:
         log_evidence = float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt
         return Trial(rotation, self.light, basis, y, found, log_evidence)
 
-    def climb_beside(self, start: Trial, known: Summit) -> Summit | None:
-        """`climb`; None where that leads to a summit that is known, or to none that matters beside it."""
+    def climb_beside(self, start: Trial, known: Summit, hope: float = inf) -> Summit | None:
+        """`climb`; None where that leads to a summit that is known, or to none that matters beside it.
+
+        hope  what it may gain, where that is known
+        """
         sure, most = _SAME_HILL
         reach = max(sure, min(most, _angle(start.rotation, known.trial.rotation) / 4))
+        if known.outdoes(start, hope, reach):
+            return None
         summit = self.climb(start, ends=lambda trial, gain: known.outdoes(trial, gain, reach))
         return None if known.outdoes(summit.trial, 0.0, reach) else summit
 
@@ -249,7 +256,7 @@ class RotationSearch:
             ends,
         )
         volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
-        return Summit(top.best, top.precision, top.height + volume, top.converged)
+        return Summit(top.best, top.precision, top.height + volume, top.converged, top.hope)
 
     def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
         """First (3,) and minus second derivatives (3, 3) of the log evidence by turns."""

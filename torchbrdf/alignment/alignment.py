@@ -7,8 +7,7 @@ A probe captured beside the object is never turned exactly as the object saw it,
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from math import degrees, log, pi, radians
-from operator import attrgetter
+from math import degrees, inf, log, pi, radians
 from typing import get_args
 
 import torch
@@ -190,10 +189,12 @@ def align(
         y, used = _packed(image, mask, view)
     light = HarmonicBasis(library, probe, searched, progress)
     task = RotationSearch(light, y.to(light.transport.device, torch.float64), used, EXPECTED)
-    believed = task.trial(torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start))
+    rotation = torch.eye(3, dtype=torch.float64) if start is None else checked_rotation(start)
+    believed = task.trial(rotation) if moving is None else task.trial(rotation, every=True)
     joint = None
     if moving is not None:
-        joint = find(task, moving, believed, _starts(task, believed, search), _turn_costs(search))
+        starts = [start for start, _ in _starts(task, believed, search)]
+        joint = find(task, moving, believed, starts, _turn_costs(search))
         believed, task = joint.believed, task.seeing(joint.shown)
     lamp = first_guess(task, believed)
     if lamp is not None:
@@ -245,10 +246,11 @@ def _turn_costs(search: Range) -> float:
     return log(_TURNS if search == "full" else 1)
 
 
-def _starts(task: RotationSearch, believed: Trial, search: Range) -> list[Trial]:
+def _starts(task: RotationSearch, believed: Trial, search: Range) -> list[tuple[Trial, float]]:
+    """Where climbs begin, and what each may gain."""
     if search == "full":
-        return _turned_about_vertical(task, believed)
-    return [believed, *_by_few(task, believed)] if dominated(task.light.probe) else [believed]
+        return [(trial, inf) for trial in _turned_about_vertical(task, believed)]
+    return _with_few(task, believed) if dominated(task.light.probe) else [(believed, inf)]
 
 
 def dominated(probe: LightProbe) -> bool:
@@ -261,20 +263,26 @@ def dominated(probe: LightProbe) -> bool:
     return bool(power[of_lamps].sum() > _DOMINANT * power.sum())
 
 
-def _by_few(task: RotationSearch, believed: Trial) -> list[Trial]:
-    """Where few materials under less light end, whose hill has fewer side peaks; none where it is worse."""
+def _with_few(task: RotationSearch, believed: Trial) -> list[tuple[Trial, float]]:
+    """As `_starts`, also where few materials under less light end, whose hill has fewer side peaks, unless it is worse."""
     coarse = task.coarse(believed)
-    top = coarse.climb(coarse.trial(believed.rotation), _ROUGHLY).trial
+    top = coarse.climb(coarse.trial(believed.rotation), _ROUGHLY)
     task.evaluations += coarse.evaluations
-    found = task.trial(top.rotation)
-    return [found] if found.log_evidence > believed.log_evidence else []
+    found = task.trial(top.trial.rotation)
+    if found.log_evidence > believed.log_evidence:
+        return [(found, inf), (believed, top.hope)]
+    return [(believed, inf)]
 
 
 def _climbed(task: RotationSearch, believed: Trial, search: Range) -> tuple[Summit, Trial, float]:
     """The best summit, as `_weighed`."""
-    first, *others = sorted(_starts(task, believed, search), key=attrgetter("log_evidence"), reverse=True)
+
+    def height(start: tuple[Trial, float]) -> float:
+        return start[0].log_evidence
+
+    (first, _), *others = sorted(_starts(task, believed, search), key=height, reverse=True)
     best = task.climb(first)
-    beside = [task.climb_beside(start, best) for start in others]
+    beside = [task.climb_beside(start, best, hope) for start, hope in others]
     return _weighed(best_of([best, *filter(None, beside)]), believed, search)
 
 

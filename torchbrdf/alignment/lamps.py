@@ -171,6 +171,11 @@ class LampSearch:
         found = PriorBank.of(space, kept, correlation=1).explain(self.y)
         return _Lighting(log_factors, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
 
+    @cached_property
+    def as_recorded(self) -> _Lighting:
+        """With no factor."""
+        return self.at(torch.zeros(3, dtype=torch.float64))
+
     def scan(self) -> tuple[Tensor, Tensor]:
         """Logarithms of factors (K,), the same for all channels, and the log evidence of each."""
         steps = torch.arange(round(self.largest / _STEP) + 1, dtype=torch.float64) * _STEP
@@ -183,7 +188,7 @@ class LampSearch:
         def log_posterior(one: _Lighting) -> float:
             return one.log_evidence - 0.5 * float(one.log_factors @ prior @ one.log_factors)
 
-        best, shorter = self.at(log_factors), 1.0
+        best, shorter = (self.at(log_factors) if bool(log_factors.any()) else self.as_recorded), 1.0
         for _ in range(_MOST_STEPS):
             gradient, precision = self._slope(best)
             gradient, precision = gradient - prior @ best.log_factors, precision + prior
@@ -303,7 +308,7 @@ def _radiance_at(task: RotationSearch, shown: _Shown, guess: LampRadiance) -> tu
     log_prior = -log(search.largest * count**0.5) - (count - 1) * log(COLOUR * (2 * pi) ** 0.5)
     log_prior -= 0.5 * float(away.square().sum()) / COLOUR**2
     volume = 0.5 * (count * log(2 * pi) - float(torch.logdet(precision)))
-    as_recorded = search.at(torch.zeros(3, dtype=torch.float64)).log_evidence
+    as_recorded = search.as_recorded.log_evidence
     odds = top.log_evidence + log_prior + volume - as_recorded
     if odds > CLEAR:
         return LampRadiance(guess.lamps, top.log_factors.exp(), std, odds), top.log_evidence
