@@ -52,9 +52,9 @@ _PROMISING, _OUTLINED = 6, 64
 """Priors whose evidence is told exactly, those of highest evidence in so many directions: what the others add to it is
 below a thousandth (docs/alignment.md)."""
 
-_COARSE_COLUMNS = 24
+_COARSE_COLUMNS = 16
 _COARSE_LINES, _COARSE_ROWS, _COARSE_FREQUENCIES = 288, 64, 64
-"""Basis BRDFs that look different, whose materials a coarse search compares; lines of its light, rows of texels, and
+"""Basis BRDFs that look different, which a coarse search compares; lines of its light, rows of texels, and
 frequencies in azimuth."""
 
 
@@ -63,7 +63,8 @@ class Trial:
     """A photograph as it is explained under one rotation of the light.
 
     rotation      (3, 3) float64
-    light, basis  the light, and what it shows under the rotation
+    light         that is turned
+    packed        (n, 3, P): basis images under it
     y             (1, 3, P) float64: the photograph
     explanation   of the photograph, by all priors
     log_evidence  of all priors together, divided as DOUBT says
@@ -71,10 +72,15 @@ class Trial:
 
     rotation: Tensor
     light: HarmonicBasis
-    basis: BasisImages
+    packed: Tensor
     y: Tensor
     explanation: Explanation
     log_evidence: float
+
+    @property
+    def basis(self) -> BasisImages:
+        """The basis images, with what they are of."""
+        return self.light.named(self.packed, self.rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +123,9 @@ class _Changes:
     rendered: Tensor
 
 
-def _distinct(trial: Trial) -> list[int]:
-    return farthest_points(image_angles(trial.explanation.bank.space), _COARSE_COLUMNS, 0)
-
-
 def distinct_columns(trial: Trial) -> list[int]:
-    """Columns of materials of the library that look different under what is believed of the light, in order."""
-    return [3 * material + channel for material in sorted({c // 3 for c in _distinct(trial)}) for channel in range(3)]
+    """Basis BRDFs that look different under what is believed of the light, in order."""
+    return sorted(farthest_points(image_angles(trial.explanation.bank.space), _COARSE_COLUMNS, 0))
 
 
 def best_of(summits: Sequence[Summit]) -> Summit:
@@ -160,11 +162,17 @@ class RotationSearch:
 
     def coarse(self, believed: Trial) -> "RotationSearch":
         """With materials that look different under what is believed of the light, which is less fine."""
-        names, probe = self.light.library.names, self.light.probe
-        library = self.light.library.subset(sorted({names[column // 3] for column in _distinct(believed)}))
+        probe = self.light.probe
         if probe.height > _COARSE_ROWS:
             probe = probe.resized(_COARSE_ROWS)
-        light = HarmonicBasis(library, probe, self.light.view, lines=_COARSE_LINES, most=_COARSE_FREQUENCIES)
+        light = HarmonicBasis(
+            self.light.library,
+            probe,
+            self.light.view,
+            lines=_COARSE_LINES,
+            most=_COARSE_FREQUENCIES,
+            columns=distinct_columns(believed),
+        )
         return RotationSearch(light, self.y, self.used, self.expected, whole=True)
 
     def under(self, probe: LightProbe) -> "RotationSearch":
@@ -190,8 +198,8 @@ class RotationSearch:
 
         every  prior is kept, for photographs that promise other ones
         """
-        basis = self.light.basis_at(rotation)
-        packed = basis.packed if bool(self.used.all()) else basis.packed[..., self.used]
+        whole = self.light.packed_at(rotation)
+        packed = whole if bool(self.used.all()) else whole[..., self.used]
         if self._frame is None:
             scale = residual_scale(packed.mean(0, dtype=torch.float64), [packed.shape[-1]])
             space = UnformedSpace.weighted(packed, scale)
@@ -201,16 +209,16 @@ class RotationSearch:
         variances, y = self._frame[1], self.y if y is None else y
         kept = variances if every else variances[promising(space, variances, y)]
         self.evaluations += 1
-        return self._explained(rotation, basis, PriorBank.of(space, kept, correlation=1), y)
+        return self._explained(rotation, whole, PriorBank.of(space, kept, correlation=1), y)
 
     def with_photograph(self, trial: Trial, y: Tensor) -> Trial:
         """The same with another photograph (1, 3, P): a hundredth of the cost."""
-        return self._explained(trial.rotation, trial.basis, trial.explanation.bank, y)
+        return self._explained(trial.rotation, trial.packed, trial.explanation.bank, y)
 
-    def _explained(self, rotation: Tensor, basis: BasisImages, bank: PriorBank, y: Tensor) -> Trial:
+    def _explained(self, rotation: Tensor, packed: Tensor, bank: PriorBank, y: Tensor) -> Trial:
         found = bank.explain(y)
         log_evidence = float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt
-        return Trial(rotation, self.light, basis, y, found, log_evidence)
+        return Trial(rotation, self.light, packed, y, found, log_evidence)
 
     def climb_beside(self, start: Trial, known: Summit, hope: float = inf) -> Summit | None:
         """`climb`; None where that leads to a summit that is known, or to none that matters beside it.
@@ -270,7 +278,7 @@ class RotationSearch:
         weights, last = likeliest(trial.explanation)[2], self._changes
         turn = torch.zeros(3) if last is None else rotation_vector(trial.rotation @ last.trial.rotation.T)
         if last is not None and bool(turn.any()) and _angle(trial.rotation, last.rendered) < _SAME_CHANGE:
-            moved = (trial.basis.packed - last.trial.basis.packed)[..., self.used]
+            moved = (trial.packed - last.trial.packed)[..., self.used]
             missed = torch.einsum("sn,nsp->sp", weights.to(moved), moved).double()
             missed = missed - torch.einsum("a,asp->sp", turn.to(missed), last.change)
             change = last.change + (turn / turn.square().sum()).to(missed)[:, None, None] * missed
@@ -300,7 +308,8 @@ class RotationSearch:
         return (count @ slope).cpu(), torch.einsum("s,sab->ab", count, product).cpu()
 
     def _priors(self, space: UnformedSpace) -> Tensor:
-        return priors_of(self.light.library.gram.diagonal().sqrt().to(space.scale), space, self._whole)
+        norms = self.light.library.gram.diagonal().sqrt()[self.light.columns]
+        return priors_of(norms.to(space.scale), space, self._whole)
 
 
 def priors_of(norms: Tensor, space: UnformedSpace, whole: bool) -> Tensor:

@@ -127,10 +127,9 @@ class _Shown:
         """Under the rotation of a trial, by the light of a search that may be another's."""
         light, lamps, rotation = task.light, task.light.probe.lamps, trial.rotation
         assert lamps is not None
-        known = trial.light is light
-        whole = (trial.basis if known else light.basis_at(rotation)).packed[..., task.used]
-        alone = HarmonicBasis(light.library, LightProbe(lamps.radiance), light.view, lines=light.lines)
-        shown = alone.basis_at(rotation).packed[..., task.used]
+        whole = trial.packed if trial.light is light else light.packed_at(rotation)
+        alone = HarmonicBasis(light.library, LightProbe(lamps.radiance), light.view)
+        whole, shown = (packed[..., task.used] for packed in (whole, alone.packed_at(rotation)))
         return cls(rotation, whole - shown, shown)
 
 

@@ -104,6 +104,11 @@ class Kernels:
     mixing: Tensor
     bands: tuple[Band, ...]
 
+    def sees(self, elevations: range) -> bool:
+        """Whether light from some of these elevations reaches its rings."""
+        rows = range(self.first_row, self.first_row + self.bands[0].even.shape[1]) if self.bands else range(0)
+        return max(rows.start, elevations.start) < min(rows.stop, elevations.stop)
+
     def mixes(self, blend: Tensor) -> list[tuple[Tensor, Tensor]]:
         """How combinations of the library's columns, with weights (n, C), mix every band's even and odd kernels."""
         combined = self.mixing.T @ blend

@@ -1,5 +1,6 @@
 """Basis images of one view under one probe in any orientation, by the harmonic transport [CBP21, eq. 5]."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -13,6 +14,9 @@ from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLig
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
+_FEW = 24
+"""Columns up to which their kernels are mixed rather than mixtures of all: those of a group of rings are as many."""
+
 
 class HarmonicBasis:
     """What does not change when the probe turns.
@@ -22,6 +26,7 @@ class HarmonicBasis:
               `NormalMapView` of an orthographic camera along -Z
     progress  show it while the transport is precomputed
     lines, most  of the light, see `TurningLight`
+    columns   of the library that are wanted, as if it had no others; None for all
     Raises ValueError for another view.
     """
 
@@ -33,6 +38,7 @@ class HarmonicBasis:
         progress: bool = False,
         lines: int = LINES,
         most: int | None = None,
+        columns: Sequence[int] | None = None,
     ) -> None:
         """Open the transport of the library."""
         reason = unsuited(view)
@@ -43,8 +49,10 @@ class HarmonicBasis:
         self._facing, self._frame = facing(view)
         light = TurningLight(probe.to(self.transport.device), lines)
         self._light = light if most is None else replace(light, most=most)
-        whole = library.materials == tuple(range(len(library.stored.names)))
-        self._columns = None if whole else library.column_index.to(self.transport.device)
+        self.columns = slice(None) if columns is None else list(columns)
+        self.n = library.n if columns is None else len(columns)
+        whole = columns is None and library.materials == tuple(range(len(library.stored.names)))
+        self._columns = None if whole else library.column_index.to(self.transport.device)[self.columns]
 
     def basis_at(self, rotation: Tensor | None = None) -> BasisImages:
         """The basis images under the probe turned by a rotation (3, 3), as `LightProbe.rotated` turns it.
@@ -57,7 +65,17 @@ class HarmonicBasis:
         if rotation is not None:
             rotation = torch.as_tensor(rotation)
             checked_rotation(rotation)
-        packed = self.transport.packed(self._light_at(rotation), self._facing, self._columns)
+        return self.named(self.packed_at(rotation), rotation)
+
+    def packed_at(self, rotation: Tensor | None) -> Tensor:
+        """(n, 3, P) of `basis_at`, by a rotation that is one."""
+        light = self._light_at(rotation)
+        if self.n <= _FEW:
+            return self.transport.blended(light, self._facing, self._whole(torch.eye(self.n)))
+        return self.transport.packed(light, self._facing, self._columns)
+
+    def named(self, packed: Tensor, rotation: Tensor | None) -> BasisImages:
+        """What `packed_at` a rotation gave, with what it is of."""
         basis = BasisImages.of(packed, self.library, self.probe, self.view, "harmonic")
         if rotation is None:
             return basis
@@ -105,9 +123,9 @@ class HarmonicBasis:
         return rotation if self._frame is None else self._frame.T.to(rotation) @ rotation
 
     def _check(self, weights: Tensor, rotation: Tensor | None) -> None:
-        if weights.shape != (self.library.n, 3):
+        if weights.shape != (self.n, 3):
             raise ValueError(
-                f"weights must be (n, 3) = ({self.library.n}, 3), a column for each channel of the image, "
+                f"weights must be (n, 3) = ({self.n}, 3), a column for each channel of the image, "
                 f"got {tuple(weights.shape)}"
             )
         if rotation is not None:
@@ -118,9 +136,9 @@ class HarmonicBasis:
         return self.transport.coloured(light, self._facing, self._whole(weights))
 
     def _whole(self, weights: Tensor) -> Tensor:
-        """Weights (..., n, 3) of this library's columns as weights of all stored ones."""
+        """Weights (..., n, C) of this library's columns as weights of all stored ones."""
         if self._columns is None:
             return weights
-        whole = weights.new_zeros(*weights.shape[:-2], len(self.transport.groups[0].mixing), 3)
+        whole = weights.new_zeros(*weights.shape[:-2], len(self.transport.groups[0].mixing), weights.shape[-1])
         whole[..., self._columns, :] = weights
         return whole

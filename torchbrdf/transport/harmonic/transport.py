@@ -25,6 +25,10 @@ from torchbrdf.transport.harmonic.views import in_perspective
 from torchbrdf.view import View
 
 
+_UNSEEN = 1e-9
+"""Share of a light's energy that is left out."""
+
+
 @dataclass(frozen=True, eq=False)
 class HarmonicTransport:
     """The light-independent side of the basis images of one library.
@@ -121,8 +125,9 @@ class HarmonicTransport:
         They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other; (3 K Q, 1) of each in its own channel.
         """
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
+        lit = [elevations_of(coefficients) for coefficients, _ in light]
         for group, seen in zip(self._groups_of(view), self.lookup(view).groups, strict=True):
-            if seen is None:
+            if seen is None or not group.sees(lit[group.zone]):
                 continue
             mixes = None if blend is None else group.mixes(blend)
             rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes, own))
@@ -149,8 +154,18 @@ def frequencies_of(light: Tensor) -> int:
     if light.requires_grad:
         return len(light)
     energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((1, 2))
-    above = energy.flip(0).cumsum(0).flip(0) > 1e-9 * energy.sum()
+    above = energy.flip(0).cumsum(0).flip(0) > _UNSEEN * energy.sum()
     return max(1, int(above.sum()))
+
+
+def elevations_of(light: Tensor) -> range:
+    """The elevations of a light (M, 6, elevations) with all of it but as little as `frequencies_of` leaves out."""
+    if light.requires_grad:
+        return range(light.shape[2])
+    energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((0, 1))
+    least = _UNSEEN * energy.sum()
+    below, above = (int((side.cumsum(0) <= least).sum()) for side in (energy, energy.flip(0)))
+    return range(below, len(energy) - above)
 
 
 def spectrum(
