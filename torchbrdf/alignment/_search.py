@@ -48,7 +48,7 @@ RIVAL = 10.0
 _NEGLIGIBLE = 0.01
 """Squared standard deviations of the posterior up to which a step is not worth another evaluation."""
 
-_PROMISING, _OUTLINED = 6, 64
+_PROMISING, _OUTLINED = 6, 48
 """Priors whose evidence is told exactly, those of highest evidence in so many directions: what the others add to it is
 below a thousandth (docs/alignment.md)."""
 

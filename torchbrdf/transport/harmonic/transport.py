@@ -25,6 +25,9 @@ from torchbrdf.transport.harmonic.views import in_perspective
 from torchbrdf.view import View
 
 
+_BRIEF = 128
+"""Frequencies or values up to which one product takes less time than four of a quarter of the places and their sums."""
+
 _UNSEEN = 1e-9
 """Share of a light's energy that is left out."""
 
@@ -195,18 +198,18 @@ def spectrum(
             for side, kernels, part in zip(light, (band.even, band.odd), mix, strict=True)
         )
         if own:
-            parts.append(_in_own_channel(even, mix[0]) + _in_own_channel(odd, mix[1]))
-            continue
-        even, odd = (side.transpose(1, 2).flatten(0, 2) for side in (even, odd))
-        parts.append((even @ mix[0]).addmm_(odd, mix[1]))
+            blends = _in_own_channel(even, mix[0]) + _in_own_channel(odd, mix[1])
+        else:
+            blends = (even.flatten(0, 2) @ mix[0]).addmm_(odd.flatten(0, 2), mix[1]).view(*even.shape[:3], -1)
+        parts.append(blends.transpose(1, 2))
     series = torch.cat(parts)
-    return series.view(-1, 2, group.n_rings, channels, 1 if own else series.shape[1])
+    return series.unflatten(0, (-1, 2))
 
 
 def _in_own_channel(mixtures: Tensor, mix: Tensor) -> Tensor:
-    """(M, G, 3 K): mixtures (M, 3 K, G, r) times (r, 3), channels of a light each with a column of its own."""
+    """(M, 3 K, G, 1): mixtures (M, 3 K, G, r) times (r, 3), channels of a light each with a column of its own."""
     of_lights = mixtures.unflatten(1, (-1, 3))
-    return torch.stack([of_lights[:, :, c] @ mix[:, c] for c in range(3)], -1).transpose(1, 2).flatten(2)
+    return torch.stack([of_lights[:, :, c] @ mix[:, c] for c in range(3)], 2).flatten(1, 2)[..., None]
 
 
 def _channels(coefficients: Tensor) -> int:
@@ -216,12 +219,15 @@ def _channels(coefficients: Tensor) -> int:
 
 def _rings(group: Kernels, series: Tensor) -> Tensor:
     """(A G, 3 K R): radiance of the mixtures at the places along the rings; rings after the place, mixtures last."""
+    values, device = series[0, 0].numel(), str(series.device)
+    if min(len(series), values) <= _BRIEF:
+        return (_whole_series(len(series), group.places, device) @ series.reshape(-1, values)).view(-1, series[0, 0, 0].numel())
     real, imaginary = series.flatten(2).unbind(1)
-    waves = _quarter_series(len(series), group.places, str(series.device))
+    waves = _quarter_series(len(series), group.places, device)
     terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
     e, d, s, u = (matrix @ term for matrix, term in zip(waves, terms, strict=True))
-    p, q, r, t = e + d, s + u, e - d, s - u
-    return torch.cat([p + q, p - q, r + t, r - t]).view(-1, series[0, 0, 0].numel())
+    p, q, r, t = e + d, s + u, e.sub_(d), s.sub_(u)  # in place: memory takes as long as the products
+    return torch.cat([p + q, p.sub_(q), r + t, r.sub_(t)]).view(-1, series[0, 0, 0].numel())
 
 
 @lru_cache(maxsize=64)
@@ -236,3 +242,16 @@ def _quarter_series(n_frequencies: int, places: int, device: str) -> tuple[Tenso
     twice = torch.where(frequency == 0, 1.0, 2.0)
     waves = (torch.cos(angle * frequency) * twice, -torch.sin(angle * frequency) * twice)
     return tuple(wave[:, start::2].float().contiguous().to(device) for wave in waves for start in range(2))
+
+
+@lru_cache(maxsize=64)
+@lasting
+def _whole_series(n_frequencies: int, places: int, device: str) -> Tensor:
+    """(A, 2 M): those of `_quarter_series` at all places, real and imaginary parts in turn."""
+    c_even, c_odd, s_even, s_odd = _quarter_series(n_frequencies, places, device)
+    waves = c_even.new_empty(4, len(c_even), n_frequencies, 2)
+    for quarter, (odd, sine) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
+        for start, cosines, sines, sign in ((0, c_even, s_even, 1), (1, c_odd, s_odd, odd)):
+            waves[quarter, :, start::2, 0] = cosines * sign
+            waves[quarter, :, start::2, 1] = sines * sign * sine
+    return waves.view(places, -1)
