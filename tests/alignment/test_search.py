@@ -185,7 +185,8 @@ class Bump(RotationSearch):
         return rotation_vector(rotation @ self.top.T)
 
     def trial(self, rotation: Tensor) -> Trial:
-        return Trial(rotation, None, None, None, None, 7 - 0.5 * float(self.away(rotation).square().sum()) / self.width**2)
+        height = 7 - 0.5 * float(self.away(rotation).square().sum()) / self.width**2
+        return Trial(rotation, None, None, None, None, height)
 
     def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
         return -self.slope * self.away(trial.rotation) / self.width**2, AXES / self.width**2

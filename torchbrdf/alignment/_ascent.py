@@ -26,13 +26,15 @@ class Top(Generic[Place]):
 
     It was not where steps ran out, or none of any length led higher.
     hope  what the climb might gain as its start promised
+    step  (K,): the last, where it was short, not taken
     """
 
     best: Place
     height: float
     precision: Tensor
     converged: bool
-    hope: float = 0.0
+    hope: float
+    step: Tensor
 
 
 def ascend(
@@ -56,20 +58,20 @@ def ascend(
     ends             whether a place does that may gain so much; infinitely much before its derivatives are known
     """
     best, top, damping, stretch = start, height(start), 0.0, 1.0
-    precision, hope = torch.empty(0), None
+    precision, hope, step = torch.empty(0), None, torch.zeros(0)
     for _ in range(most_steps):
         gradient, precision = slope(best)
         deviations = float(gradient @ torch.linalg.solve(precision, gradient))
         gain = _HOPE * deviations / 2
         hope = gain if hope is None else hope
         if deviations < negligible or ends(best, gain):
-            return Top(best, top, precision, deviations < negligible, hope)
+            return Top(best, top, precision, deviations < negligible, hope, torch.zeros_like(gradient))
         while True:
             step = torch.linalg.solve(precision + damping * torch.diag(precision.diagonal()), gradient)
             step = step * min(stretch, _LONGEST_STEP / max(float(step.norm()), 1e-12))
             short = float(step.norm()) < shortest
             if short or damping > _MOST_DAMPING:
-                return Top(best, top, precision, short, hope)
+                return Top(best, top, precision, short, hope, step if short else torch.zeros_like(step))
             new = moved(best, step)
             reached = height(new)
             if reached > top:
@@ -79,4 +81,4 @@ def ascend(
         best, top, damping, stretch = new, reached, damping / 4, min(2 * stretch, longest_stretch)
         if ends(best, inf):
             break
-    return Top(best, top, precision, False, hope or 0.0)
+    return Top(best, top, precision, False, hope or 0.0, torch.zeros_like(step))

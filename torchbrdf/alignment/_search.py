@@ -8,6 +8,7 @@ change of the image as the light turns counts where no weights can imitate it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import exp, inf, log, radians
 from operator import attrgetter
 
@@ -52,6 +53,9 @@ _PROMISING, _OUTLINED = 6, 48
 """Priors whose evidence is told exactly, those of highest evidence in so many directions: what the others add to it is
 below a thousandth (docs/alignment.md)."""
 
+_SAME_PRIORS = radians(0.3)
+"""Turn up to which the same priors are promising."""
+
 _COARSE_COLUMNS = 16
 _COARSE_LINES, _COARSE_ROWS, _COARSE_FREQUENCIES = 288, 64, 64
 """Basis BRDFs that look different, which a coarse search compares; lines of its light, rows of texels, and
@@ -94,6 +98,7 @@ class Summit:
                   log posterior at the best, and the volume of the Gaussian of `precision` over the prior's (Laplace)
     converged     whether the last step was short enough; not where steps ran out, or none of any length led higher
     hope          what a climb from where this one began might gain
+    ahead         (3, 3): the trial's rotation and the last step, which was too short to take
     """
 
     trial: Trial
@@ -101,6 +106,7 @@ class Summit:
     log_evidence: float
     converged: bool
     hope: float = 0.0
+    ahead: Tensor | None = None
 
     def outdoes(self, trial: Trial, gain: float, reach: float) -> bool:
         """Whether a trial cannot become another summit that matters, were its evidence higher by a gain.
@@ -159,6 +165,7 @@ class RotationSearch:
         self._doubt = redundancy(DOUBT, y.shape[-1])
         self._frame: tuple[Tensor, Tensor] | None = None
         self._changes: _Changes | None = None
+        self._kept: tuple[Tensor, Tensor] | None = None
 
     def coarse(self, believed: Trial) -> "RotationSearch":
         """With materials that look different under what is believed of the light, which is less fine."""
@@ -174,6 +181,13 @@ class RotationSearch:
             columns=distinct_columns(believed),
         )
         return RotationSearch(light, self.y, self.used, self.expected, whole=True)
+
+    @cached_property
+    def lamps(self) -> HarmonicBasis:
+        """The light of the lamps alone, of a probe that has them."""
+        lamps = self.light.probe.lamps
+        assert lamps is not None
+        return HarmonicBasis(self.light.library, LightProbe(lamps.radiance), self.light.view)
 
     def under(self, probe: LightProbe) -> "RotationSearch":
         """The same photograph under another probe, with evidence that compares."""
@@ -206,8 +220,15 @@ class RotationSearch:
             self._frame = scale, self._priors(space)
         else:
             space = UnformedSpace.weighted(packed, self._frame[0])
-        variances, y = self._frame[1], self.y if y is None else y
-        kept = variances if every else variances[promising(space, variances, y)]
+        variances, moved = self._frame[1], y is not None
+        y = self.y if y is None else y
+        if every:
+            kept = variances
+        elif moved or self._kept is None or _angle(rotation, self._kept[0]) > _SAME_PRIORS:
+            kept = variances[promising(space, variances, y)]
+            self._kept = None if moved else (rotation, kept)
+        else:
+            kept = self._kept[1]
         self.evaluations += 1
         return self._explained(rotation, whole, PriorBank.of(space, kept, correlation=1), y)
 
@@ -264,7 +285,8 @@ class RotationSearch:
             ends,
         )
         volume = -0.5 * (float(torch.logdet(top.precision)) + 6 * log(self.expected))
-        return Summit(top.best, top.precision, top.height + volume, top.converged, top.hope)
+        ahead = rotation_of(top.step) @ top.best.rotation
+        return Summit(top.best, top.precision, top.height + volume, top.converged, top.hope, ahead)
 
     def _slope(self, trial: Trial) -> tuple[Tensor, Tensor]:
         """First (3,) and minus second derivatives (3, 3) of the log evidence by turns."""

@@ -46,8 +46,8 @@ _TURNS = 24
 _FOLLOWED = 2
 """How many of them are climbed from at most."""
 
-_ROUGHLY = radians(0.1)
-"""Step at which a climb with few materials ends: from its end all of them are climbed with."""
+_ROUGHLY = radians(0.5)
+"""Last step of a climb with few materials: from its end all of them are climbed with."""
 
 _LAMPS_SIZE, _DOMINANT = 0.001, 0.2
 """Shares of the sphere and of the light: lamps that may make side peaks. A sun in the clear has a quarter and more."""
@@ -264,11 +264,11 @@ def dominated(probe: LightProbe) -> bool:
 
 
 def _with_few(task: RotationSearch, believed: Trial) -> list[tuple[Trial, float]]:
-    """As `_starts`, also where few materials under less light end, whose hill has fewer side peaks, unless it is worse."""
+    """As `_starts`, also where few materials under less light end, whose hill has fewer side peaks, if higher."""
     coarse = task.coarse(believed)
     top = coarse.climb(coarse.trial(believed.rotation), _ROUGHLY)
     task.evaluations += coarse.evaluations
-    found = task.trial(top.trial.rotation)
+    found = task.trial(top.trial.rotation if top.ahead is None else top.ahead)
     if found.log_evidence > believed.log_evidence:
         return [(found, inf), (believed, top.hope)]
     return [(believed, inf)]

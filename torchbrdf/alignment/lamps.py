@@ -13,7 +13,16 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, distinct_columns, likeliest, priors_of, promising
+from torchbrdf.alignment._search import (
+    DOUBT,
+    RotationSearch,
+    Summit,
+    Trial,
+    distinct_columns,
+    likeliest,
+    priors_of,
+    promising,
+)
 from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import Explanation, PriorBank, redundancy
 from torchbrdf.light import Lamps, LightProbe
@@ -118,19 +127,15 @@ class _Lighting:
 class _Shown:
     """What of the basis images under one rotation is by the lamps, and what by all other light, each (n, 3, P)."""
 
-    rotation: Tensor
     rest: Tensor
     lamps: Tensor
 
     @classmethod
     def of(cls, task: RotationSearch, trial: Trial) -> "_Shown":
         """Under the rotation of a trial, by the light of a search that may be another's."""
-        light, lamps, rotation = task.light, task.light.probe.lamps, trial.rotation
-        assert lamps is not None
-        whole = trial.packed if trial.light is light else light.packed_at(rotation)
-        alone = HarmonicBasis(light.library, LightProbe(lamps.radiance), light.view)
-        whole, shown = (packed[..., task.used] for packed in (whole, alone.packed_at(rotation)))
-        return cls(rotation, whole - shown, shown)
+        whole = trial.packed if trial.light is task.light else task.light.packed_at(trial.rotation)
+        whole, shown = (packed[..., task.used] for packed in (whole, task.lamps.packed_at(trial.rotation)))
+        return cls(whole - shown, shown)
 
 
 class LampSearch:
@@ -154,6 +159,7 @@ class LampSearch:
         self._doubt = redundancy(DOUBT, self.y.shape[-1])
         self._scale = residual_scale(self.y[0], [self.y.shape[-1]])
         self._variances: Tensor | None = None
+        self._kept: tuple[Tensor, Tensor] | None = None
 
     @cached_property
     def largest(self) -> float:
@@ -166,7 +172,9 @@ class LampSearch:
         space = UnformedSpace.weighted(self._rest + factors * self._lamps, self._scale)
         if self._variances is None:
             self._variances = priors_of(self._norms, space, self._whole)
-        kept = self._variances[promising(space, self._variances, self.y)]
+        if self._kept is None or float((log_factors - self._kept[0]).abs().max()) > _NEAR:
+            self._kept = log_factors, self._variances[promising(space, self._variances, self.y)]
+        kept = self._kept[1]
         found = PriorBank.of(space, kept, correlation=1).explain(self.y)
         return _Lighting(log_factors, found, float(torch.logsumexp(found.log_evidence.flatten(), 0)) / self._doubt)
 

@@ -144,7 +144,7 @@ class ImageSpace:
 
 
 class UnformedSpace(ImageSpace):
-    """An `ImageSpace` whose U is formed where it is asked for: a few photographs are seen through Y itself, in less time.
+    """An `ImageSpace` whose U is formed where it is asked for: one photograph is seen through Y itself.
 
     columns  (3, n, P) float64: weighted basis images
     inward   (3, n, r) float64: U = columns^T inward, but for rounding

@@ -106,7 +106,7 @@ class HarmonicBasis:
     def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
         """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
 
-        An image is linear in the light, so one image shows how it changes. Raises ValueError for other weights, or where
+        An image is linear in the light, so one shows how it changes. Raises ValueError for other weights, or where
         rotation is none.
         """
         self._check(weights, rotation)

@@ -24,7 +24,6 @@ from torchbrdf.transport.harmonic.ring_lookup import RingLookup
 from torchbrdf.transport.harmonic.views import in_perspective
 from torchbrdf.view import View
 
-
 _BRIEF = 128
 """Frequencies or values up to which one product takes less time than four of a quarter of the places and their sums."""
 
@@ -96,7 +95,7 @@ class HarmonicTransport:
         return self._in_place(image, view)
 
     def coloured(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
-        """(K, 3, P) float32: what `blended` has of weights (n, 3) with each combination in its own channel of a light."""
+        """(K, 3, P) float32: `blended` of weights (n, 3), each combination in its own channel of a light only."""
         blend, channels = weights.to(self.device, torch.float32), _channels(light[0][0])
         image = torch.zeros(1, channels * len(view.pixels), device=self.device)
         for _, pixels, blends in self._seen(light, view, blend, own=True):
@@ -125,7 +124,7 @@ class HarmonicTransport:
     ) -> Iterator[tuple[Kernels, slice, Tensor]]:
         """Every group of rings, the pixels that see it, and its mixtures there or their blends.
 
-        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other; (3 K Q, 1) of each in its own channel.
+        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other; (3 K Q, 1) of own.
         """
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
         lit = [elevations_of(coefficients) for coefficients, _ in light]
@@ -221,7 +220,8 @@ def _rings(group: Kernels, series: Tensor) -> Tensor:
     """(A G, 3 K R): radiance of the mixtures at the places along the rings; rings after the place, mixtures last."""
     values, device = series[0, 0].numel(), str(series.device)
     if min(len(series), values) <= _BRIEF:
-        return (_whole_series(len(series), group.places, device) @ series.reshape(-1, values)).view(-1, series[0, 0, 0].numel())
+        along = _whole_series(len(series), group.places, device) @ series.reshape(-1, values)
+        return along.view(-1, series[0, 0, 0].numel())
     real, imaginary = series.flatten(2).unbind(1)
     waves = _quarter_series(len(series), group.places, device)
     terms = (real[::2], real[1::2], imaginary[::2], imaginary[1::2])
