@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment import _search as rotation_search
-from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of, likeliest
+from torchbrdf.alignment._promise import likeliest
+from torchbrdf.alignment._search import RotationSearch, Summit, Trial, best_of
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.light.rotations import rotation_vector

@@ -16,15 +16,14 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment._ascent import SMALLEST_STEP, ascend
+from torchbrdf.alignment._promise import likeliest, priors_of, promising
 from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import (
     Explanation,
     PriorBank,
     farthest_points,
     image_angles,
-    prior_variances,
     redundancy,
-    whole_variances,
 )
 from torchbrdf.light import LightProbe, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
@@ -48,10 +47,6 @@ RIVAL = 10.0
 
 _NEGLIGIBLE = 0.01
 """Squared standard deviations of the posterior up to which a step is not worth another evaluation."""
-
-_PROMISING, _OUTLINED = 6, 48
-"""Priors whose evidence is told exactly, those of highest evidence in so many directions: what the others add to it is
-below a thousandth (docs/alignment.md)."""
 
 _SAME_PRIORS = radians(0.3)
 """Turn up to which the same priors are promising."""
@@ -334,30 +329,5 @@ class RotationSearch:
         return priors_of(norms.to(space.scale), space, self._whole)
 
 
-def priors_of(norms: Tensor, space: UnformedSpace, whole: bool) -> Tensor:
-    """Variances (M, n) of all priors without classes, of basis BRDFs of norms (n,); or of the whole library only."""
-    if whole:
-        variances = whole_variances(norms)
-        return variances / variances.mean(1, keepdim=True)
-    return prior_variances(torch.zeros(0, len(norms), dtype=torch.bool, device=norms.device), norms, space)
-
-
-def promising(space: UnformedSpace, variances: Tensor, y: Tensor) -> Tensor:
-    """Which of the priors (M, n) may explain a photograph (1, 3, P) best."""
-    if len(variances) <= _PROMISING:
-        return torch.arange(len(variances), device=variances.device)
-    found = PriorBank.of(space.first(_OUTLINED), variances, correlation=1).explain(y)
-    return found.log_evidence[0].amax(-1).topk(_PROMISING).indices.sort().values
-
-
 def _angle(a: Tensor, b: Tensor) -> float:
     return float(rotation_vector(a @ b.T).norm())
-
-
-def likeliest(explanation: Explanation) -> tuple[int, int, Tensor]:
-    """The prior and the penalty of the highest evidence, and the weights (3, n) at the top of their posterior."""
-    evidence = explanation.log_evidence
-    m, penalty = divmod(int(evidence[0].argmax()), evidence.shape[2])
-    only = torch.zeros_like(evidence)
-    only[0, m, penalty] = 1
-    return m, penalty, explanation.components(only)[0, m]

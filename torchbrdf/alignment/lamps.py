@@ -13,16 +13,8 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._search import (
-    DOUBT,
-    RotationSearch,
-    Summit,
-    Trial,
-    distinct_columns,
-    likeliest,
-    priors_of,
-    promising,
-)
+from torchbrdf.alignment._promise import likeliest, priors_of, promising
+from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, distinct_columns
 from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import Explanation, PriorBank, redundancy
 from torchbrdf.light import Lamps, LightProbe
@@ -131,11 +123,19 @@ class _Shown:
     lamps: Tensor
 
     @classmethod
-    def of(cls, task: RotationSearch, trial: Trial) -> "_Shown":
-        """Under the rotation of a trial, by the light of a search that may be another's."""
-        whole = trial.packed if trial.light is task.light else task.light.packed_at(trial.rotation)
-        whole, shown = (packed[..., task.used] for packed in (whole, task.lamps.packed_at(trial.rotation)))
-        return cls(whole - shown, shown)
+    def of(cls, task: RotationSearch, trial: Trial, columns: Sequence[int] | None = None) -> "_Shown":
+        """Under the rotation of a trial, by the light of a search that may be another's; of some columns or all."""
+        alone = task.lamps.packed_at(trial.rotation, columns)
+        if trial.light is task.light:
+            whole = trial.packed if columns is None else trial.packed[columns]
+        else:
+            whole = task.light.packed_at(trial.rotation, columns)
+        alone, whole = alone[..., task.used], whole[..., task.used]
+        return cls(whole - alone, alone)
+
+    def of_columns(self, columns: Sequence[int]) -> "_Shown":
+        """What some basis BRDFs show."""
+        return _Shown(self.rest[columns], self.lamps[columns])
 
 
 class LampSearch:
@@ -143,7 +143,7 @@ class LampSearch:
 
     task     whose light has lamps
     shown    by that light
-    columns  basis BRDFs, with the priors of the whole library only; None for all, with all priors
+    columns  that are shown, with the priors of the whole library only; None for all, with all priors
     Residuals are divided by what the photograph itself shows, so that evidence of all factors compares.
     """
 
@@ -152,8 +152,8 @@ class LampSearch:
         lamps = task.light.probe.lamps
         assert lamps is not None
         norms = task.light.library.gram.diagonal().sqrt().to(task.y)
-        few = slice(None) if columns is None else columns
-        self._rest, self._lamps, self._norms = shown.rest[few], shown.lamps[few], norms[few]
+        self._rest, self._lamps = shown.rest, shown.lamps
+        self._norms = norms if columns is None else norms[columns]
         self.y, self.lamps, self._whole = task.y, lamps, columns is not None
         self.channels = lamps.channels.double()
         self._doubt = redundancy(DOUBT, self.y.shape[-1])
@@ -239,11 +239,14 @@ class LampSearch:
 
 def first_guess(task: RotationSearch, believed: Trial) -> LampRadiance | None:
     """One factor for all channels, by few materials under the rotation that is believed; None without lamps."""
-    return None if task.light.probe.lamps is None else _guessed(task, believed, _Shown.of(task, believed))
+    if task.light.probe.lamps is None:
+        return None
+    columns = distinct_columns(believed)
+    return _guessed(task, _Shown.of(task, believed, columns), columns)
 
 
-def _guessed(task: RotationSearch, trial: Trial, shown: _Shown) -> LampRadiance:
-    search = LampSearch(task, shown, distinct_columns(trial))
+def _guessed(task: RotationSearch, shown: _Shown, columns: Sequence[int]) -> LampRadiance:
+    search = LampSearch(task, shown, columns)
     steps, evidence = search.scan()
     posterior = torch.softmax(evidence, 0)
     mean = (posterior * steps).sum()
@@ -274,7 +277,8 @@ def with_lamp(
             climbed = climb(task, task.trial(believed.rotation) if current.clipped else believed)
             evaluations += task.evaluations if task is not given else 0
             shown = _Shown.of(given, climbed[1])
-            guess = lamp if climbed[1] is believed else _guessed(given, climbed[1], shown)
+            columns = distinct_columns(climbed[1])
+            guess = lamp if climbed[1] is believed else _guessed(given, shown.of_columns(columns), columns)
             before, (current, evidence) = current, _radiance_at(given, shown, guess)
             settled = current.is_near(before)
             if settled:

@@ -64,7 +64,7 @@ class ImageSpace:
     def weighted(cls, packed: Tensor, scale: Tensor) -> "ImageSpace":
         """Factor basis images (n, 3, P) divided by any scale (3, P)."""
         weighted = _weighted(packed, scale)
-        singular, v = principal(lower_gram(weighted))
+        singular, v = _principal(lower_gram(weighted))
         u = _orthonormal(weighted.mT @ (v * _inverse(singular)[:, None]))
         return cls(scale, u, (weighted @ u).mT)
 
@@ -162,16 +162,11 @@ class UnformedSpace(ImageSpace):
     def weighted(cls, packed: Tensor, scale: Tensor) -> "UnformedSpace":
         """Basis images (n, 3, P) divided by any scale (3, P)."""
         columns = _weighted(packed, scale)
-        return cls.of_gram(columns, scale, lower_gram(columns))
-
-    @classmethod
-    def of_gram(cls, columns: Tensor, scale: Tensor, gram: Tensor) -> "UnformedSpace":
-        """Weighted basis images (3, n, P) whose products (3, n, n) are known."""
-        singular, v = principal(gram)
+        singular, v = _principal(lower_gram(columns))
         return cls(scale, columns, v * _inverse(singular)[:, None], singular[..., None] * v.mT)
 
     @cached_property
-    def u(self) -> Tensor:  # type: ignore[override]
+    def u(self) -> Tensor:
         """Orthonormal columns (3, P, r)."""
         return _orthonormal(self.columns.mT @ self.inward)
 
@@ -188,7 +183,7 @@ class UnformedSpace(ImageSpace):
         return (image.double().transpose(0, 1) @ self.columns.mT @ self.inward).transpose(0, 1)
 
 
-def principal(gram: Tensor) -> tuple[Tensor, Tensor]:
+def _principal(gram: Tensor) -> tuple[Tensor, Tensor]:
     """Singular values (3, r) above CUT and their vectors (3, n, r), of the lower triangles of Y^T Y (3, n, n)."""
     squared, v = torch.linalg.eigh(gram)
     squared, v = squared.flip(-1), v.flip(-1)

@@ -67,12 +67,15 @@ class HarmonicBasis:
             checked_rotation(rotation)
         return self.named(self.packed_at(rotation), rotation)
 
-    def packed_at(self, rotation: Tensor | None) -> Tensor:
-        """(n, 3, P) of `basis_at`, by a rotation that is one."""
+    def packed_at(self, rotation: Tensor | None, columns: Sequence[int] | None = None) -> Tensor:
+        """(n, 3, P) of `basis_at`, by a rotation that is one; of some columns in place of all n."""
         light = self._light_at(rotation)
-        if self.n <= _FEW:
-            return self.transport.blended(light, self._facing, self._whole(torch.eye(self.n)))
-        return self.transport.packed(light, self._facing, self._columns)
+        few = self.n if columns is None else len(columns)
+        if few <= _FEW:
+            weights = torch.eye(self.n)[:, slice(None) if columns is None else columns]
+            return self.transport.blended(light, self._facing, self._whole(weights))
+        packed = self.transport.packed(light, self._facing, self._columns)
+        return packed if columns is None else packed[columns]
 
     def named(self, packed: Tensor, rotation: Tensor | None) -> BasisImages:
         """What `packed_at` a rotation gave, with what it is of."""

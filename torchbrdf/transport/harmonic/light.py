@@ -74,8 +74,8 @@ class TurningLight:
     def changes(self, rotation: Tensor) -> LightHarmonics:
         """How they change with further turns about +X, +Y and +Z, per radian, as of three lights `beside` each other.
 
-        With series L_m(beta) in azimuth, a turn about +X adds i/2 (P_{m-1} + N_{m+1}), one about +Y adds
-        1/2 (P_{m-1} - N_{m+1}), one about +Z -i m L_m, of P_m = m cot(beta) L_m - L_m' and N_m = m cot(beta) L_m + L_m'.
+        With series L_m(beta) in azimuth, P_m = m cot(beta) L_m - L_m' and N_m = m cot(beta) L_m + L_m', a turn about +X
+        adds i/2 (P_{m-1} + N_{m+1}), one about +Y 1/2 (P_{m-1} - N_{m+1}), and one about +Z -i m L_m.
         """
         turned = self._turned(rotation)
         series = turned.series[..., : 2 + max(spectrum.shape[2] for spectrum in turned.spectra)]
