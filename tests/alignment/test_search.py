@@ -204,6 +204,17 @@ def test_evidence_of_all_rotations(width: float) -> None:
     assert summit.converged
 
 
+def test_a_short_step_is_shown_ahead() -> None:
+    """From 3 degrees off, where no step of less than 5 is taken: a parabola has its top there."""
+    bump = Bump(turned(AXES[0], 3), radians(4))
+    start = bump.trial(AXES)
+    summit = bump.climb(start, radians(5))
+    assert summit.trial is start
+    prior = 1 / (1 + (4 / 5) ** 2)
+    assert degrees_between(summit.ahead, turned(AXES[0], 3 * prior)) < 1e-3
+    assert summit.hope == pytest.approx(4 * 0.5 * 9 / 16 * prior, rel=1e-6)
+
+
 def test_no_step_leads_higher() -> None:
     """Where the slope is wrong, steps are shortened and then given up: not the end of a search."""
     bump = Bump(turned(AXES[0], 3), radians(1), slope=-1)
@@ -283,6 +294,35 @@ def test_a_better_summit_is_reached_beside_a_known_one(searches: dict[str, Rotat
     found = one.climb_beside(one.trial(turned(AXES[0], 2)), Summit(aside, AXES, aside.log_evidence, True))
     assert found is not None
     assert degrees_between(found.trial.rotation, AXES) < 0.15
+
+
+def test_where_nothing_is_hoped_for_nothing_is_looked_at(
+    searches: dict[str, RotationSearch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = searches["paint"]
+    known, start = one.climb(one.trial(AXES)), one.trial(turned(AXES[0], 15))
+    monkeypatch.delattr(RotationSearch, "_slope")
+    assert one.climb_beside(start, known, 1.0) is None
+
+
+@pytest.mark.parametrize("material", ["paint", "brass", "satin", "clay"])
+def test_coarse_searches_lead_near_the_top(searches: dict[str, RotationSearch], material: str) -> None:
+    one = searches[material]
+    believed = one.trial(turned(torch.tensor([1.0, 2.0, -1.0]), 6))
+    coarse = one.coarse(believed)
+    summit = coarse.climb(coarse.trial(believed.rotation), radians(0.5))
+    assert degrees_between(summit.ahead, AXES) < 1
+
+
+@pytest.mark.parametrize("material", ["paint", "brass", "satin", "clay"])
+@pytest.mark.parametrize("angle", [0.0, 1.0, 10.0])
+def test_promising_priors_hold_the_evidence_of_all(
+    searches: dict[str, RotationSearch], material: str, angle: float
+) -> None:
+    one, rotation = searches[material], turned(torch.tensor([1.0, -1.0, 2.0]), angle)
+    promising, every = one.trial(rotation), one.trial(rotation, every=True)
+    assert len(promising.explanation.bank.variances) < len(every.explanation.bank.variances)
+    assert promising.log_evidence == pytest.approx(every.log_evidence, abs=0.02)
 
 
 @pytest.mark.parametrize(

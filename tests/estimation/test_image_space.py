@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchbrdf.estimation.image_space import CUT, DARKEST, ImageSpace
+from torchbrdf.estimation.image_space import CUT, DARKEST, ImageSpace, UnformedSpace
 
 PIXELS = 60
 
@@ -247,3 +247,35 @@ def reference(packed: Tensor, whole: ImageSpace, used: Tensor) -> ImageSpace:
     weighted = packed[..., used].double() / whole.scale[:, used]
     u, r = torch.linalg.qr(weighted.permute(1, 2, 0))
     return ImageSpace(whole.scale[:, used], u, r)
+
+
+class TestUnformed:
+    """Photographs seen through the basis images' own products."""
+
+    @pytest.fixture
+    def spaces(self) -> tuple[ImageSpace, UnformedSpace]:
+        packed = images(30)
+        return tuple(kind.weighted(packed, scale_of(packed)) for kind in (ImageSpace, UnformedSpace))
+
+    def test_u_is_the_same(self, spaces: tuple[ImageSpace, UnformedSpace]) -> None:
+        torch.testing.assert_close(spaces[1].u @ spaces[1].r, columns(spaces[0]), rtol=0, atol=1e-6)
+        assert gap(spaces[1]) < 1e-6
+
+    def test_photographs_have_the_same_coordinates(self, spaces: tuple[ImageSpace, UnformedSpace]) -> None:
+        y = images(2, seed=5).double()
+        formed, unformed = (space.project(y) for space in spaces)
+        torch.testing.assert_close(unformed[0].square().sum(-1), formed[0].square().sum(-1))
+        torch.testing.assert_close(unformed[0] @ spaces[1].r, formed[0] @ spaces[0].r, rtol=1e-6, atol=1e-6)
+        torch.testing.assert_close(unformed[1], formed[1])
+
+    def test_renders_the_same(self, spaces: tuple[ImageSpace, UnformedSpace]) -> None:
+        weights = torch.randn(2, 3, 30, dtype=torch.float64, generator=torch.Generator().manual_seed(6))
+        formed, unformed = (space.render(weights, torch.float64) for space in spaces)
+        torch.testing.assert_close(unformed, formed, rtol=0, atol=1e-6 * float(formed.abs().max()))
+
+    def test_first_directions(self, spaces: tuple[ImageSpace, UnformedSpace]) -> None:
+        """The largest, with the coordinates of all."""
+        y, first = images(1, seed=5).double(), spaces[1].first(7)
+        assert torch.equal(first.r, spaces[1].r[:, :7])
+        torch.testing.assert_close(first.project(y)[0], spaces[1].project(y)[0][..., :7])
+        assert float(first.energy.sum()) > 0.9 * float(spaces[1].energy.sum())

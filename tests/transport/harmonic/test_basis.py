@@ -17,6 +17,7 @@ from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
 from torchbrdf.transport.basis_images import BasisImages
+from torchbrdf.transport.harmonic._kernels import Kernels
 from torchbrdf.transport.harmonic.basis import HarmonicBasis
 from torchbrdf.view.normal_map import NormalMapView
 from torchbrdf.view.sphere import SphereView
@@ -343,6 +344,44 @@ class TestBlends:
             expected = torch.einsum("nk,ncp->kcp", weights, basis.basis_at().packed)
             assert found.shape == expected.shape
             assert relative(found, expected) < 1e-5
+
+    def test_coloured(self, library: MaterialLibrary) -> None:
+        """Each combination in its own channel of the light."""
+        basis, weights = HarmonicBasis(library, lamps(64), waves()), random_weights(library)
+        light = basis._light.harmonics()
+        found = basis.transport.coloured(light, basis.view, weights)[0]
+        expected = torch.diagonal(basis.transport.blended(light, basis.view, weights)).T
+        assert relative(found, expected) < 1e-5
+
+    @pytest.mark.parametrize("columns", [[1, 5, 6], [*range(15), *range(15)]])
+    def test_some_columns(self, library: MaterialLibrary, columns: list[int]) -> None:
+        """Few are mixed before they are seen, more after that; a basis may hold no others."""
+        basis = HarmonicBasis(library, lamps(64), SPHERE)
+        expected = basis.basis_at().packed[columns]
+        assert relative(basis.packed_at(None, columns), expected) < 1e-5
+        assert relative(HarmonicBasis(library, lamps(64), SPHERE, columns=columns).packed_at(None), expected) < 1e-5
+
+    def test_rings_that_a_lamp_does_not_reach(
+        self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Are left out, and nothing is missed."""
+        radiance = torch.zeros(3, 64, 128)
+        radiance[:, 20:22, 70:72] = 100
+        basis = HarmonicBasis(library, LightProbe(radiance), SPHERE)
+        found, seen = basis.basis_at().packed, []
+        sees = Kernels.sees
+        monkeypatch.setattr(Kernels, "sees", lambda group, lit: seen.append(sees(group, lit)) or True)
+        assert relative(found, basis.basis_at().packed) < 1e-4
+        assert not all(seen)
+
+    def test_short_and_long_series(self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Are the same along the rings, by one product or by four."""
+        basis = HarmonicBasis(library, lamps(64), SPHERE)
+        by_one, by_four = [], []
+        for brief, found in ((10**9, by_one), (0, by_four)):
+            monkeypatch.setattr("torchbrdf.transport.harmonic.transport._BRIEF", brief)
+            found.append(basis.basis_at().packed)
+        assert relative(by_one[0], by_four[0]) < 1e-5
 
     def test_gradient_of_the_weights(self, library: MaterialLibrary) -> None:
         """Of all columns and of some: what each adds to the image."""

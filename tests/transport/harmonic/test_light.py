@@ -196,3 +196,33 @@ class TestGradients:
         light[0][0][0, :3].sum().backward()
         assert radiance.grad is not None
         assert bool((radiance.grad != 0).all())
+
+
+class TestChanges:
+    def test_of_turns_about_each_axis(self) -> None:
+        """Against differences of the coefficients, after a turn."""
+        light, before = TurningLight(SMOOTH), turn(20, -40, 10)
+        step = math.radians(1)
+        changes = light.changes(before.double())
+        for axis, degrees in enumerate(torch.eye(3)):
+            ahead, behind = (turn(*(sign * degrees).tolist()) @ before for sign in (1, -1))
+            pairs = zip(light.harmonics(ahead), light.harmonics(behind), changes, strict=True)
+            for after, earlier, (found, multiple) in pairs:
+                expected = (after[0] - earlier[0]) / (2 * step)
+                parts = found.unflatten(1, (2, 3, 3))[:, :, axis].flatten(1, 2)
+                assert float((parts - expected).norm()) < 0.01 * float(expected.norm())
+                real, imaginary = found.chunk(2, 1)
+                assert torch.equal(multiple, torch.cat([-imaginary, real], 1))
+
+    def test_uniform_light_has_none(self) -> None:
+        for found, _ in TurningLight(LightProbe(torch.ones(3, 16, 32))).changes(turn(20, -40, 10).double()):
+            assert float(found.abs().max()) < 1e-3
+
+    def test_few_frequencies(self) -> None:
+        """The lowest, as of all."""
+        few, every = (TurningLight(SMOOTH, most=most) for most in (9, None))
+        for render in (TurningLight.harmonics, TurningLight.changes):
+            rotation = turn(20, -40, 10)
+            for (found, _), (expected, _) in zip(render(few, rotation), render(every, rotation), strict=True):
+                assert len(found) == 9
+                torch.testing.assert_close(found, expected[:9], rtol=1e-4, atol=1e-5)

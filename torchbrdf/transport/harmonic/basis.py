@@ -135,7 +135,7 @@ class HarmonicBasis:
             checked_rotation(rotation)
 
     def _images(self, light: LightHarmonics, weights: Tensor) -> Tensor:
-        """(K, 3, P): Y w under K lights that are `beside` each other."""
+        """(K, 3, P): Y w under K lights."""
         return self.transport.coloured(light, self._facing, self._whole(weights))
 
     def _whole(self, weights: Tensor) -> Tensor:

@@ -1,6 +1,5 @@
 """A light probe about the view direction: Fourier series in azimuth, splines over the polar angle."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import atan2, pi, radians, sin
@@ -24,17 +23,9 @@ _BLUR = radians(0.1)
 
 
 LightHarmonics = list[tuple[Tensor, Tensor]]
-"""Coefficients l of every zone, and i l, each (M, 6, elevations) float32: real parts of R, G and B, then imaginary."""
+"""Coefficients l of every zone, and i l, each (M, 6, elevations) float32: real parts of R, G and B, then imaginary.
 
-
-def beside(lights: Sequence[LightHarmonics]) -> LightHarmonics:
-    """K lights as one of 3 K channels: (M, 6 K, elevations), real parts of all, then imaginary."""
-
-    def together(coefficients: Sequence[Tensor]) -> Tensor:
-        return torch.cat([one.unflatten(1, (2, 3)) for one in coefficients], 2).flatten(1, 2)
-
-    by_zone = [zip(*zone, strict=True) for zone in zip(*lights, strict=True)]
-    return [(together(coefficients), together(multiples)) for coefficients, multiples in by_zone]
+Of K lights at once, (M, 6 K, elevations): real parts of all, then imaginary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +63,7 @@ class TurningLight:
         return found
 
     def changes(self, rotation: Tensor) -> LightHarmonics:
-        """How they change with further turns about +X, +Y and +Z, per radian, as of three lights `beside` each other.
+        """How they change with further turns about +X, +Y and +Z, per radian: (M, 18, elevations).
 
         With series L_m(beta) in azimuth, P_m = m cot(beta) L_m - L_m' and N_m = m cot(beta) L_m + L_m', a turn about +X
         adds i/2 (P_{m-1} + N_{m+1}), one about +Y 1/2 (P_{m-1} - N_{m+1}), and one about +Z -i m L_m.

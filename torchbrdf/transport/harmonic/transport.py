@@ -85,7 +85,7 @@ class HarmonicTransport:
     def blended(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
         """(C, 3 K, P) float32: images of C combinations of the library's columns, for weights (n, C), under K lights.
 
-        light  of one probe, or of K that are `beside` each other
+        light  of one probe, or of K at once
         They are combined before anything is done for pixels: a fraction of the cost of `packed`.
         """
         blend, channels = weights.to(self.device, torch.float32), _channels(light[0][0])
