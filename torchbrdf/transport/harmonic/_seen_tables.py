@@ -46,8 +46,9 @@ class SeenTable:
 
     def show(self, detail: Detail, distance: float | None) -> None:
         """Tell what `kernels` are wanted for: those of a table that was shown alike just before are kept this time."""
-        for other in _SHOWN_LAST - {self}:
-            other._wanted = other._kept = None
+        for other in list(_SHOWN_LAST):
+            if other is not self:
+                other._wanted = other._kept = None
         _SHOWN_LAST.clear()
         _SHOWN_LAST.add(self)
         if self._wanted != (detail, distance):
@@ -62,11 +63,12 @@ class SeenTable:
 
     def kernels(self, zone: Zone, some: Reflections, frequencies: int) -> list[Tensor]:
         """See `Reflections.kernels`."""
-        if self._kept is None:
+        kept = self._kept  # another thread may show another table
+        if kept is None:
             return some.kernels(zone, self.values, self.symmetric, frequencies)
-        if some not in self._kept:
-            self._kept[some] = lasting(some.kernels)(zone, self.values, self.symmetric, some.turning)
-        return [part[:frequencies] for part in self._kept[some]]
+        if some not in kept:
+            kept[some] = lasting(some.kernels)(zone, self.values, self.symmetric, some.turning)
+        return [part[:frequencies] for part in kept[some]]
 
 
 _SEEN: "weakref.WeakKeyDictionary[MerlTable, SeenTable]" = weakref.WeakKeyDictionary()
