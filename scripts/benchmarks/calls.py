@@ -122,7 +122,9 @@ def rendering_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
             images = [found[mine].tensor(f"render-{table}-{light}") for mine in (True, False)]
             now, before = (judge.picture(image, table, light) for image in images)
             row = beside(f"render {table}, {light}", f"`tb.render`, {table}, {light}", found, RENDER_LIMIT[0])
-            yield judged(row, now, before, RENDER_LIMIT[1])
+            first = (in_words(found[mine].median(f"first {table}, {light}")) for mine in (True, False))
+            remark = "first picture of a table: {}, before {}".format(*first)
+            yield judged(row, now, before, RENDER_LIMIT[1], remark)
 
 
 def aligning_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:

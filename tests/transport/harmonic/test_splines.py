@@ -6,7 +6,14 @@ import pytest
 import torch
 from scipy.interpolate import BSpline
 
-from torchbrdf.transport.harmonic.splines import SUPPORT, banded_dual, design_matrix, gram, spline_weights
+from torchbrdf.transport.harmonic.splines import (
+    SUPPORT,
+    banded_dual,
+    banded_product,
+    design_matrix,
+    gram,
+    spline_weights,
+)
 
 N = 24
 REACH = 6
@@ -108,3 +115,10 @@ class TestBandedDual:
     def test_whole_matrix_is_the_inverse(self, products: torch.Tensor) -> None:
         found = banded_dual(products, len(products)) @ products
         torch.testing.assert_close(found, torch.eye(len(products), dtype=torch.float64), rtol=0, atol=1e-6)
+
+
+def test_a_banded_product_is_a_product() -> None:
+    generator = torch.Generator().manual_seed(0)
+    matrix = torch.rand(200, 90, generator=generator).tril(10).triu(-70)  # the last rows are all zero
+    values = torch.rand(2, 90, 3, generator=generator)
+    torch.testing.assert_close(banded_product(matrix, values), matrix @ values)

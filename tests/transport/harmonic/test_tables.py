@@ -14,6 +14,7 @@ from torchbrdf.brdf.directions import half_difference
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.tables import render, render_tables
+from torchbrdf.transport.harmonic._seen_tables import SeenTable
 from torchbrdf.transport.harmonic._table_kernels import EXACT
 from torchbrdf.transport.harmonic.tables import table_pictures
 from torchbrdf.view.sphere import SphereView
@@ -77,6 +78,30 @@ def test_each_light_is_turned_by_its_own_rotation() -> None:
     upright, turned = table_pictures(table, [(probe, None), (probe, turn)], SPHERE)
     assert relative(upright, render(table, probe, SPHERE)) < 1e-5
     assert relative(turned, render(table, probe.rotated(turn), SPHERE)) < 2e-2  # whose texels are resampled
+
+
+def test_a_table_that_is_shown_again_looks_the_same() -> None:
+    """Its kernels are kept from the second picture on, with all frequencies; other lights want fewer or more."""
+    table, lights = table_of(swirl), [lamps(64), LightProbe(torch.ones(3, 32, 64)), lamps(64)]
+    once = [render(table_of(swirl), light, SPHERE) for light in lights]
+    again = [render(table, light, SPHERE) for light in lights]
+    assert max(relative(mine, other) for mine, other in zip(again, once, strict=True)) < 1e-5
+
+
+def test_a_table_without_lobes_needs_no_zones_for_them() -> None:
+    table = table_of(TINY_MATERIALS["satin-0.35"])
+    seen = SeenTable.of(table)
+    assert seen.merged > 0
+    merged = render(table, lamps(64), SPHERE)
+    seen.merged = 0
+    assert relative(merged, render(table, lamps(64), SPHERE)) < 3e-3
+
+
+def test_kernels_of_a_table_are_let_go_of_for_another() -> None:
+    tables = [table_of(lambert(*ALBEDO)) for _ in range(2)]
+    for table in (tables[0], tables[0], tables[1]):
+        render(table, lamps(32), SPHERE)
+    assert [SeenTable.of(table).kept for table in tables] == [False, False]
 
 
 def test_gradients_reach_the_light() -> None:

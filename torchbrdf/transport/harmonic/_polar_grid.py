@@ -1,14 +1,16 @@
 """Radiance on a polar grid of normals, and from there to the pixels of a view, with nothing prepared for the view."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from functools import lru_cache
 from math import pi
 
 import torch
 from torch import Tensor
-from torch.nn.functional import grid_sample
 
+from torchbrdf.lasting import LastFew, lasting
+from torchbrdf.transport.harmonic._bilinear import bilinear
 from torchbrdf.transport.harmonic.grid import Zone
-from torchbrdf.transport.harmonic.splines import SUPPORT
+from torchbrdf.transport.harmonic.splines import SUPPORT, banded_product
 from torchbrdf.transport.harmonic.views import in_perspective
 from torchbrdf.view import View
 
@@ -26,6 +28,9 @@ _POINTS = (2, 4, 6, 8, 12, 16, 24)
 
 _POINTS_AT_ONCE = 1 << 20
 
+_POINTS_SEEN = LastFew[Hashable, list[tuple[Tensor, Tensor, Tensor]]](2)
+"""Of views, ten MB each."""
+
 
 class PolarGrid:
     """Fourier series over azimuth of C pictures, summed over zones.
@@ -36,32 +41,31 @@ class PolarGrid:
     def __init__(self, zones: Sequence[Zone], pictures: int, device: torch.device) -> None:
         """Dark, as fine as the finest of the zones."""
         self._finest = max(zones, key=lambda zone: zone.rows)
-        rows = torch.arange(_PER_INTERVAL * self._finest.intervals + 1, dtype=torch.float64) / _PER_INTERVAL
-        self._gamma = self._finest.ring_angle(rows)
-        self._series = torch.zeros(len(rows), pictures, self._finest.frequencies, 2, device=device)
+        rows = _PER_INTERVAL * self._finest.intervals + 1
+        self._series = torch.zeros(rows, pictures, self._finest.frequencies, 2, device=device)
 
     def add(self, zone: Zone, rings: range, series: Tensor) -> None:
         """Add (G, C, M, 2), real and imaginary parts on a group of rings, as moments over the image."""
-        dual = zone.ring_dual[:, rings.start : rings.stop]
-        first, weights = zone.ring_splines(self._gamma)
-        to_rows = torch.einsum("hk,hkg->hg", weights, dual[first[:, None] + torch.arange(SUPPORT)]).to(series)
+        to_rows = _rings_to_rows(self._finest, zone)[:, rings.start : rings.stop]
         touched = torch.nonzero((to_rows != 0).any(1)).ravel()
         rows = slice(int(touched[0]), int(touched[-1]) + 1)
-        found = (to_rows[rows] @ series.flatten(1)).view(-1, *series.shape[1:])
+        found = (to_rows[rows].to(series) @ series.flatten(1)).view(-1, *series.shape[1:])
         self._series[rows, :, : series.shape[2]] += found
+
+    def add_values(self, zone: Zone, series: Tensor) -> None:
+        """Add (Q, C, M, 2), real and imaginary parts at the places of the zone's `ring_quadrature`."""
+        to_rows = _values_to_rows(self._finest, zone).to(series)
+        found = banded_product(to_rows, series.flatten(1)).view(-1, *series.shape[1:])
+        self._series[:, :, : series.shape[2]] += found
 
     def seen_by(self, view: View) -> Tensor:
         """(C, P): averages over the area of each pixel of a view that is `facing` the shape."""
         radiance = self._radiance()
-        pixels = view.pixels.cpu()
-        packed = radiance.new_zeros(len(radiance), len(pixels))
-        points = _points_of(view, pixels)
-        for n in points.unique().tolist():
-            for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
-                places, lit = self._places(view, pixels[some], (torch.arange(n) + 0.5) / n, radiance.shape)
-                seen = grid_sample(radiance[None], places[None].to(radiance), align_corners=True)[0]
-                share = lit.to(radiance) / n**2  # a normal that faces away is dark
-                packed[:, some.to(packed.device)] = torch.einsum("cqs,qs->cq", seen, share)
+        packed = radiance.new_zeros(len(radiance), len(view.pixels))
+        key = (view.fingerprint, self._finest, radiance.shape[1:])
+        for some, places, share in _POINTS_SEEN.get_or_make(key, lambda: self._points(view, radiance.shape)):
+            seen = bilinear(radiance, places.to(radiance))
+            packed[:, some.to(packed.device)] = torch.einsum("cqs,qs->cq", seen, share.to(radiance))
         return packed
 
     def _radiance(self) -> Tensor:
@@ -73,6 +77,18 @@ class PolarGrid:
         radiance = torch.fft.irfft(waves, n=places, norm="forward").transpose(0, 1)
         return torch.cat([radiance, radiance[..., :1]], -1)
 
+    @lasting
+    def _points(self, view: View, shape: torch.Size) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Some of the pixels, where `bilinear` finds the points inside them, and their shares of the area."""
+        pixels = view.pixels.cpu()
+        points = _points_of(view, pixels)
+        found = []
+        for n in points.unique().tolist():
+            for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
+                places, lit = self._places(view, pixels[some], (torch.arange(n) + 0.5) / n, shape)
+                found.append((some, places.float(), lit / n**2))  # a normal that faces away is dark
+        return found
+
     def _places(self, view: View, pixels: Tensor, at: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
         """(P, n n, 2): where `grid_sample` finds the points of pixels; and which are not turned away."""
         (x, y, z), toward = _inside(view, pixels, at)
@@ -83,6 +99,22 @@ class PolarGrid:
         row = _PER_INTERVAL * self._finest.ring_coordinate(gamma.clamp(0, pi / 2)).to(gamma)
         column = torch.remainder(torch.atan2(y, x) * ((width - 1) / (2 * pi)), width - 1)
         return torch.stack([column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1], -1), z > 0
+
+
+@lru_cache(maxsize=16)
+@lasting
+def _rings_to_rows(finest: Zone, zone: Zone) -> Tensor:
+    """(H, rings) float32: moments over the image -> values on the rows of a grid as fine as another zone."""
+    rows = torch.arange(_PER_INTERVAL * finest.intervals + 1, dtype=torch.float64) / _PER_INTERVAL
+    first, weights = zone.ring_splines(finest.ring_angle(rows))
+    return torch.einsum("hk,hkg->hg", weights, zone.ring_dual[first[:, None] + torch.arange(SUPPORT)]).float()
+
+
+@lru_cache(maxsize=16)
+@lasting
+def _values_to_rows(finest: Zone, zone: Zone) -> Tensor:
+    """(H, Q) float32: the same for values at the places of the zone's `ring_quadrature`."""
+    return _rings_to_rows(finest, zone) @ zone.ring_quadrature[1].float()
 
 
 def _points_of(view: View, pixels: Tensor) -> Tensor:

@@ -1,26 +1,48 @@
 """The light-independent side of the harmonic transport of a single table: finer than a library's, not compressed.
 
 As in `_kernels`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated.
-They are as many as the knots of the light can tell apart. Errors: docs/transport.md.
+They are as many as the knots of the light can tell apart, and end where the light meets the horizon: what they are, and
+where their light falls, is the same for all tables and remembered. Errors: docs/transport.md.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from math import ceil, pi, radians
+from math import ceil, log, pi, radians
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf import GRID
+from torchbrdf.lasting import lasting
 from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
 _FEWEST_AZIMUTHS = 6
 
+_CROWDED = 3.0
+"""Azimuths next to the horizon that are closer together than others."""
+
+_MORE = 6
+"""Azimuths for these, beside those for the knots of light."""
+
+_TURNING = 16
+"""Frequencies of azimuth that are wanted beside those of knots on the widest circle of light."""
+
 _DEGREE = 180 / pi
+
+_TOGETHER = 24
+"""Polar angles of normals in a group, at most."""
+
+_NODES = 1 << 16
+"""Of a group, about: what a core's cache holds."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +53,7 @@ class Detail:
     azimuths          half vectors about the normal for each knot of light that they pass, by zone
     step              most knots that the light moves by between two half vectors of a meridian
     lines, blur       of the light, see `TurningLight`
+    merged            how many of the zones, from the mirror direction, are left to the one after them
     """
 
     rows: tuple[int, ...]
@@ -39,81 +62,114 @@ class Detail:
     step: float
     lines: int
     blur: float
+    merged: int = 0
 
     @property
     def zones(self) -> tuple[Zone, ...]:
         """The zones of single tables."""
-        return _zones(self.rows, self.quadrature)
+        return _zones(self.rows, self.quadrature, self.merged)
 
 
-EXACT = Detail((512, 256, 96, 96), (2, 2, 2, 3), (1.25, 1.25, 1.25, 3.0), 0.45, 1152, radians(0.025))
+EXACT = Detail((512, 256, 96, 96), (2, 2, 2, 2), (1.25, 1.25, 1.25, 1.5), 0.5, 1152, radians(0.025))
 """Within 0.5 % of converged, mirrors and small lamps included."""
 
-SHOWN = Detail((256, 128, 96, 96), (2, 2, 2, 2), (1.25, 1.25, 1.25, 2.0), 0.9, 576, radians(0.05))
+SHOWN = Detail((256, 128, 96, 80), (2, 2, 2, 2), (1.25, 1.25, 1.25, 1.5), 0.9, 576, radians(0.05))
 """For pictures that are only looked at: within 1 %, but 3 % for mirrors under small lamps, in half the time."""
 
 
-@lru_cache(maxsize=4)
-def _zones(rows: tuple[int, ...], quadrature: tuple[int, ...]) -> tuple[Zone, ...]:
-    return tuple(Zone(i, *each) for i, each in enumerate(zip(rows, quadrature, strict=True)))
+@lru_cache(maxsize=8)
+def _zones(rows: tuple[int, ...], quadrature: tuple[int, ...], merged: int) -> tuple[Zone, ...]:
+    return tuple(Zone(i, rows[i], quadrature[i], 0 < i == merged) for i in range(merged, len(rows)))
 
 
-@dataclass(frozen=True)
-class TableKernels:
-    """Of a group of G rings: 2 pi times the conjugate Fourier series over azimuth of a table's kernels.
+@dataclass(frozen=True, eq=False)
+class Reflections:
+    """N half vectors on one side of the normal for G polar angles of normals, and where they send light from.
 
-    first_row, n_rows  splines over elevation first_row, ..., first_row + E - 1
-    even               (3, M, E, G) float32: real parts of each channel
-    odd                imaginary parts likewise; None where there are none
+    first      the first of those angles
+    count      G
+    first_row  splines over elevation first_row, ..., first_row + E - 1
+    n_rows     E
+    line       nodes over azimuth, see `waves`
+    turning    frequencies of azimuth that the half vectors resolve there
+    cell       (N,) int32: of the table
+    by_row     (N, 4): values of splines over elevation times the kernel and the measure of the light, of both sides
+    spread     from half vectors to nodes: azimuth, then first spline over elevation, then polar angle of the normal
     """
 
+    first: int
+    count: int
     first_row: int
     n_rows: int
-    even: Tensor
-    odd: Tensor | None = None
+    line: int
+    turning: int
+    cell: Tensor
+    by_row: Tensor
+    spread: "csc_matrix"
+
+    def kernels(self, zone: Zone, values: Tensor, symmetric: bool, frequencies: int) -> list[Tensor]:
+        """2 pi times the conjugate Fourier series over azimuth of a table's kernels, (M, E, G, 3) each.
+
+        values       (cells, 3) float32: f_r
+        symmetric    whether it is the same for phi_d and -phi_d
+        frequencies  of azimuth that are wanted, M
+        returns      the real parts; and the imaginary ones where there are some
+        """
+        seen = [values.index_select(0, self.cell)]
+        if not symmetric:
+            mirrored = values.index_select(0, self.cell + (GRID[2] - 1) - 2 * (self.cell % GRID[2]))
+            seen = [(seen[0] + mirrored) / 2, (seen[0] - mirrored) / 2]
+        return [
+            (wave[:frequencies] @ self._nodes(each).flatten(1)).view(frequencies, self.n_rows, self.count, 3)
+            for wave, each in zip(waves(zone, self.line, self.turning), seen, strict=False)
+        ]
+
+    def _nodes(self, seen: Tensor) -> Tensor:
+        """(line, E, G, 3): f_r (N, 3) on the nodes of azimuth and elevation."""
+        each = torch.empty(len(seen), SUPPORT, 3)
+        for i in range(3):  # an eighth of the time that broadcasting takes
+            torch.mul(self.by_row, seen[:, i : i + 1], out=each[:, :, i])
+        spread = torch.from_numpy(self.spread @ each.flatten(1).numpy()).view(self.line, -1, self.count, SUPPORT, 3)
+        whole = spread.new_zeros(self.line, self.n_rows, self.count, 3)
+        for i in range(SUPPORT):
+            whole[:, i : i + spread.shape[1]] += spread[:, :, :, i]
+        return whole
 
 
-def table_kernels(
-    values: Tensor, symmetric: bool, detail: Detail, zone: Zone, rings: range, frequencies: int, distance: float | None
-) -> TableKernels:
-    """The kernels of one group of rings.
+@lru_cache(maxsize=16)
+@lasting
+def reflections(detail: Detail, zone: Zone, distance: float | None) -> tuple[Reflections, ...]:
+    """For all polar angles of normals of a zone's `ring_quadrature`.
 
-    values       (cells, 3) float32: f_r
-    symmetric    whether it is the same for phi_d and -phi_d
-    frequencies  of azimuth that are wanted, M at most
-    distance     of the camera from a ball in radii; None without perspective
+    distance  of the camera from a ball in radii; None without perspective
     """
+    return tuple(_reflections(detail, zone, distance))
+
+
+def _reflections(detail: Detail, zone: Zone, distance: float | None) -> Iterator[Reflections]:
     from scipy.sparse import csc_matrix
 
-    gamma, to_rings = zone.ring_quadrature
-    to_rings = to_rings[rings.start : rings.stop]
-    used = to_rings.amax(0) > 0
-    samples = _HalfVectors.of(detail, zone, gamma[used], distance)
-    first, by_row = _split(samples.beta * (zone.rows / pi), zone.rows)
-    place, by_place = _split(samples.delta * (PLACES * zone.rows / (2 * pi)), PLACES * zone.rows)
-    low, n_rows, line = int(first.min()), int(first.max() - first.min()) + 1, int(place.max()) + SUPPORT
-    seen = values[samples.cell]
-    if not symmetric:
-        mirrored = values[samples.mirrored]
-        seen = torch.stack([seen + mirrored, seen - mirrored], 1).flatten(1) / 2
-    by_row *= samples.weight[:, None]
-    node = (samples.ring * n_rows + (first - low)) * line + place
-    near = node[:, None] + torch.arange(SUPPORT, dtype=torch.int32)
-    ends = np.arange(0, near.numel() + 1, SUPPORT, dtype=np.int32)
-    shape = (int(used.sum()) * n_rows * line, len(node))
-    spread = csc_matrix((by_place.ravel().numpy(), near.ravel().numpy(), ends), shape=shape)
-    each = (by_row[:, :, None] * seen[:, None]).flatten(1)
-    moments = torch.from_numpy(spread @ each.numpy()).view(-1, n_rows * line * each.shape[1])
-    shifted = (to_rings[:, used].float() @ moments).view(len(rings), n_rows, line, SUPPORT, -1, 3)
-    whole = moments.new_zeros(shifted.shape[4], 3, line, n_rows + SUPPORT - 1, len(rings))
-    for i in range(SUPPORT):
-        whole[:, :, :, i : i + n_rows] += shifted[:, :, :, i].permute(3, 4, 2, 1, 0)
-    frequencies = min(frequencies, zone.frequencies)
-    even, *odd = (
-        torch.matmul(wave, part.flatten(2)).view(3, len(wave), -1, len(rings))
-        for wave, part in zip(waves(zone, line, frequencies), whole, strict=False)
-    )
-    return TableKernels(low, even.shape[2], even, *odd)
+    gamma, _ = zone.ring_quadrature
+    first, together = 0, 1
+    while first < len(gamma):
+        some = gamma[first : first + together]
+        samples = _HalfVectors.of(detail, zone, some, distance)
+        row, by_row = _split(samples.beta * (zone.rows / pi), zone.rows)
+        place, by_place = _split(samples.delta * (PLACES * zone.rows / (2 * pi)), PLACES * zone.rows)
+        low, n_rows, line = int(row.min()), int(row.max() - row.min()) + 1, int(place.max()) + SUPPORT
+        node = (place * n_rows + (row - low)) * len(some) + samples.ring
+        near = node[:, None] + torch.arange(SUPPORT, dtype=torch.int32) * (n_rows * len(some))
+        ends = np.arange(0, near.numel() + 1, SUPPORT, dtype=np.int32)
+        shape = (line * n_rows * len(some), len(node))
+        spread = csc_matrix((by_place.ravel().numpy(), near.ravel().numpy(), ends), shape=shape)
+        by_row *= samples.weight[:, None]
+        widest = float(torch.sin(samples.beta).amax())
+        turning = min(zone.frequencies, ceil(zone.rows * widest) + _TURNING)
+        yield Reflections(
+            first, len(some), low, n_rows + SUPPORT - 1, line, turning, samples.cell, by_row, spread
+        )  # fmt: skip
+        first += len(some)
+        together = max(1, min(_TOGETHER, len(gamma) - first, _NODES // (line * n_rows)))
 
 
 def _split(position: Tensor, end: int) -> tuple[Tensor, Tensor]:
@@ -126,15 +182,14 @@ def _split(position: Tensor, end: int) -> tuple[Tensor, Tensor]:
 class _HalfVectors:
     """N half vectors on one side of the normal, for Q polar angles of normals.
 
-    ring            (N,) int32: which of those angles
-    cell, mirrored  (N,) int32: of the table, and of the half vector's mirror image
-    weight          (N,) the kernel times the measure of the light, of both sides
-    beta, delta     (N,) of the light, delta in [0, pi]
+    ring         (N,) int32: which of those angles
+    cell         (N,) int32: of the table
+    weight       (N,) the kernel times the measure of the light, of both sides
+    beta, delta  (N,) of the light, delta in [0, pi]
     """
 
     ring: Tensor
     cell: Tensor
-    mirrored: Tensor
     weight: Tensor
     beta: Tensor
     delta: Tensor
@@ -142,33 +197,58 @@ class _HalfVectors:
     @staticmethod
     def of(detail: Detail, zone: Zone, gamma: Tensor, distance: float | None) -> "_HalfVectors":
         """In the frame of the normal, whose first axis points down from the view direction."""
-        (sin_h, cos_h), (sin_p, cos_p), measure, row = _meridians(zone, detail.azimuths[zone.index], detail.step)
+        theta_h, measure, azimuths, row = _meridians(zone, detail.azimuths[zone.index], detail.step)
         tilt = torch.zeros_like(gamma) if distance is None else tilt_of(gamma, distance)
-        sin_v, cos_v = (wave(gamma + tilt / 2).float()[:, None] for wave in (torch.sin, torch.cos))
-        sin_g, cos_g = (wave(gamma - tilt / 2).float()[:, None] for wave in (torch.sin, torch.cos))
+        seen, named = gamma + tilt / 2, gamma - tilt / 2
+        # Light is above the horizon where the half vector's azimuth is beyond this.
+        edge = torch.acos((1 / (torch.tan(2 * theta_h) * torch.tan(seen)[:, None])).clamp(-1, 1))
+        beside = torch.sin(seen)[:, None].square() + (torch.cos(seen)[:, None] * torch.cos(theta_h)).square()
+        fastest = torch.maximum(beside.sqrt(), torch.cos(theta_h - seen[:, None]))
+        count = (azimuths * fastest * (1 - edge / pi) + _MORE * (edge > 0)).ceil().clamp_min(_FEWEST_AZIMUTHS)
+        count = torch.where(edge < pi, count, 0).ravel().long()
+        share = (1 / count).repeat_interleave(count)
+        at = (torch.arange(len(share)) - (count.cumsum(0) - count).repeat_interleave(count) + 0.5) * share
+        ring, meridian = (
+            index.expand_as(edge).ravel().repeat_interleave(count)
+            for index in (torch.arange(len(gamma))[:, None], torch.arange(len(theta_h)))
+        )
+        edge = edge.ravel().repeat_interleave(count)
+        close, density = _close_to_edge(at, _CROWDED * share)
+        clipped = edge > 0
+        phi_h = torch.where(clipped, edge + (pi - edge) * close, at * pi)
+        measure = (measure[meridian] * torch.where(clipped, (pi - edge) * density, pi) * share).float()
+        sin_h, cos_h = (wave(theta_h).float()[meridian] for wave in (torch.sin, torch.cos))
+        sin_p, cos_p = (wave(phi_h).float() for wave in (torch.sin, torch.cos))
+        sin_v, cos_v = (wave(seen).float()[ring] for wave in (torch.sin, torch.cos))
+        sin_g, cos_g = (wave(named).float()[ring] for wave in (torch.sin, torch.cos))
         along = cos_v * cos_h - sin_v * sin_h * cos_p  # h . v
         x, y, z = 2 * along * sin_h * cos_p + sin_v, 2 * along * sin_h * sin_p, 2 * along * cos_h - cos_v
-        lit = (along > 0) & (z > 0)
         # The view direction in the frame of the half vector; the light's lies opposite.
         across, beside = -cos_h * cos_p * sin_v - sin_h * cos_v, sin_p * sin_v
         theta_d = (torch.atan2(torch.hypot(across, beside), along) * _DEGREE).int().clamp_(0, GRID[1] - 1)
         phi_d = torch.atan2(-beside, -across)
         column = (torch.remainder(phi_d, pi) * (GRID[2] / pi)).int().clamp_(0, GRID[2] - 1)
-        first = row + theta_d * GRID[2]
+        cell = row[meridian] + theta_d * GRID[2] + column
         down, up = x * cos_g + z * sin_g, z * cos_g - x * sin_g
         beta, delta = torch.atan2(torch.hypot(down, y), up), torch.atan2(y, down).abs()
-        ring = torch.arange(len(gamma), dtype=torch.int32)[:, None].expand_as(lit)
-        mirrored = first + (GRID[2] - 1) - column
-        chosen = torch.nonzero(lit.ravel()).ravel()
-        parts = (ring, first + column, mirrored, 8 * measure * along * z, beta, delta)
-        return _HalfVectors(*(part.reshape(-1)[chosen] for part in parts))
+        return _HalfVectors(ring.int(), cell, 8 * measure * (along * z).clamp_min(0), beta, delta)
+
+
+def _close_to_edge(at: Tensor, width: Tensor) -> tuple[Tensor, Tensor]:
+    """Places from 0 to 1 that crowd towards 0, evenly about it, and by how much they are spread there."""
+
+    def log_cosh(x: Tensor) -> Tensor:
+        return x + torch.log1p(torch.exp(-2 * x)) - log(2)
+
+    whole = log_cosh(1 / width)
+    return log_cosh(at / width) / whole, torch.tanh(at / width) / (whole * width)
 
 
 @lru_cache(maxsize=8)
 def _meridians(
     zone: Zone, azimuths: float, step: float
-) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor], Tensor, Tensor]:
-    """Sine and cosine of theta_h and of phi_h, the measure times the zone's window, and the first cell of the row."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """theta_h, the measure times the zone's window, azimuths of a half circle, and the first cell of the row."""
     edges = ((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)).tolist()
     knot = pi / zone.rows
     points = []
@@ -178,12 +258,7 @@ def _meridians(
             nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(4 * half / (knot * step))))
             points += [(i, middle + half * node, half * weight) for node, weight in zip(nodes, weights, strict=True)]
     row, meridian, reach = (torch.tensor(each, dtype=torch.float64) for each in zip(*points, strict=True))
-    passed = pi * torch.sin((2 * meridian).clamp_max(pi / 2)) / knot
-    count = (azimuths * passed).ceil().clamp_min(_FEWEST_AZIMUTHS)
-    measure = reach * torch.sin(meridian) * zone.window(meridian) * (pi / count)
-    count = torch.where(measure > 0, count, 0).long()
-    theta_h, measure, apart = (each.repeat_interleave(count) for each in (meridian, measure, pi / count))
-    phi_h = (torch.cat([torch.arange(n) for n in count.tolist()]) + 0.5) * apart
-    first = (GRID[1] * GRID[2] * row.int()).repeat_interleave(count)
-    waves = [(torch.sin(angle).float(), torch.cos(angle).float()) for angle in (theta_h, phi_h)]
-    return waves[0], waves[1], measure.float(), first
+    passed = 2 * pi * torch.sin(meridian) / knot
+    measure = reach * torch.sin(meridian) * zone.window(meridian)
+    held = measure > 0
+    return meridian[held], measure[held], (azimuths * passed)[held], GRID[1] * GRID[2] * row[held].int()

@@ -13,7 +13,7 @@ PLACES = 4
 """Nodes around the circle for each row of a zone."""
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=512)
 def waves(zone: Zone, line: int, frequencies: int | None = None) -> tuple[Tensor, Tensor]:
     """(M, line) each: cosines and sines at nodes, of which the first lies one place before delta = 0.
 

@@ -46,11 +46,13 @@ class Zone:
     index       0 holds the mirror direction
     rows        intervals of the light's polar angle beta, and the highest azimuth frequency
     quadrature  places in an interval between two rings, or elevations, at which integrals are taken
+    first       of all zones: it has the half angles of those before it, too
     """
 
     index: int
     rows: int
     quadrature: int = _QUADRATURE
+    first: bool = False
 
     @property
     def frequencies(self) -> int:
@@ -65,7 +67,7 @@ class Zone:
     def window(self, theta_h: Tensor) -> Tensor:
         """The zone's share of the kernel; those of all zones sum to 1."""
         share = torch.ones_like(theta_h)
-        if self.index > 0:
+        if self.index > 0 and not self.first:
             share = share - _handover(theta_h, *_TAPERS[self.index - 1])
         if self.index < len(_TAPERS):
             share = share * _handover(theta_h, *_TAPERS[self.index])

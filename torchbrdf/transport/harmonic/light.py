@@ -6,11 +6,12 @@ from math import atan2, pi, radians, sin
 
 import torch
 from torch import Tensor
-from torch.nn.functional import grid_sample
 
 from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.light import LightProbe, texel_coordinates
+from torchbrdf.transport.harmonic._bilinear import bilinear
 from torchbrdf.transport.harmonic.grid import Zone, zones
+from torchbrdf.transport.harmonic.splines import banded_product
 
 LINES = 576
 """Lines of equal polar angle on which radiance is read; twice as many places on each."""
@@ -114,7 +115,7 @@ class TurningLight:
         else:
             turned = _polar_directions(self.lines) @ rotation.to("cpu", torch.float32)  # a row vector times R is R^T d
             places = _places_of(turned, height).to(device)
-        seen = grid_sample(self._texels[None], places[None], mode="bilinear", align_corners=True)[0]
+        seen = bilinear(self._texels, places)
         series = torch.fft.rfft(seen, norm="forward")
         return _Turned(series, self._projected(series))
 
@@ -123,8 +124,8 @@ class TurningLight:
         parts, found = torch.view_as_real(series), []
         for zone in self.grid or zones():
             kept = parts[:, :, : min(zone.frequencies, self.most or zone.frequencies)].flatten(2)
-            projection = _projection(zone, self.lines, str(series.device))
-            found.append(torch.view_as_complex((projection @ kept).unflatten(2, (-1, 2))))
+            projected = banded_product(_projection(zone, self.lines, str(series.device)), kept)
+            found.append(torch.view_as_complex(projected.unflatten(2, (-1, 2))))
         return found
 
 

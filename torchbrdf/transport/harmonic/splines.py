@@ -7,6 +7,10 @@ SUPPORT = 4
 """Functions that are not zero at a point, and knot intervals that a function covers."""
 
 
+_BAND_ROWS = 64
+"""Rows of a banded matrix that are multiplied together."""
+
+
 def spline_weights(x: Tensor) -> Tensor:
     """(..., 4): the values at x of the four functions that are not zero there, from number floor(x) on."""
     t = x - torch.floor(x)
@@ -24,6 +28,16 @@ def design_matrix(x: Tensor, n: int) -> Tensor:
     weights = torch.where((t < 1)[:, None], weights, weights.roll(1, -1))  # x = n: the last interval's right end
     matrix = torch.zeros(len(x), n + SUPPORT - 1, dtype=torch.float64, device=x.device)
     return matrix.scatter_(1, first.long()[:, None] + torch.arange(SUPPORT, device=x.device), weights)
+
+
+def banded_product(matrix: Tensor, values: Tensor) -> Tensor:
+    """(..., R, N) = (R, K) @ (..., K, N), of a matrix whose rows are zero but for a band that moves along."""
+    found = []
+    for rows in matrix.split(_BAND_ROWS):
+        touched = torch.nonzero((rows != 0).any(0)).ravel()
+        near = slice(int(touched[0]), int(touched[-1]) + 1) if len(touched) else slice(0, 1)
+        found.append(rows[:, near] @ values[..., near, :])
+    return torch.cat(found, -2)
 
 
 def gram(design: Tensor, measure: Tensor) -> Tensor:

@@ -1,6 +1,7 @@
 """Pictures of single tables by the harmonic transport: no library, no samples, and as sharp as the light's texels."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -8,15 +9,15 @@ from torch import Tensor
 from torchbrdf.brdf import MerlTable
 from torchbrdf.light import LightProbe
 from torchbrdf.transport.harmonic._polar_grid import PolarGrid
-from torchbrdf.transport.harmonic._table_kernels import EXACT, Detail, TableKernels, table_kernels
+from torchbrdf.transport.harmonic._seen_tables import SeenTable
+from torchbrdf.transport.harmonic._table_kernels import EXACT, Detail, reflections
 from torchbrdf.transport.harmonic.light import TurningLight
 from torchbrdf.transport.harmonic.transport import frequencies_of
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
-_SYMMETRIC = 2e-3
-"""Relative difference of f_r at phi_d and -phi_d below which one stands for both."""
-
+_LOST = 1e-7
+"""Share of the light's energy that may be lost in frequencies of azimuth."""
 
 def table_pictures(
     table: MerlTable, lights: Sequence[tuple[LightProbe, Tensor | None]], view: View, detail: Detail = EXACT
@@ -31,39 +32,37 @@ def table_pictures(
     if reason is not None:
         raise ValueError(f"the harmonic transport cannot render this view: {reason}")
     faced, frame = facing(view)
+    seen = SeenTable.of(table)
+    detail = replace(detail, merged=seen.merged)
     coefficients = []
     for probe, rotation in lights:
         turn = rotation if frame is None else frame.T if rotation is None else frame.T.to(rotation) @ rotation
         found = TurningLight(probe, detail.lines, detail.blur, detail.zones).harmonics(turn)
         coefficients.append([part for part, _ in found])
     distance = faced.framing.distance if in_perspective(view) and faced.framing is not None else None
-    values, symmetric = table.filled.float().cpu(), _is_symmetric(table)
+    seen.show(detail, distance)
     grid = PolarGrid(detail.zones, 3 * len(lights), lights[0][0].device)
     for zone, parts in zip(detail.zones, zip(*coefficients, strict=True), strict=True):
         light = torch.stack(parts).unflatten(2, (2, 3))
         contained = frequencies_of(light.transpose(0, 1).flatten(1, -2))
-        for rings in zone.groups:
-            kernels = table_kernels(values, symmetric, detail, zone, rings, contained, distance)
-            grid.add(zone, rings, _series(kernels, light))
+        series = light.new_zeros(len(zone.ring_quadrature[0]), 3 * len(lights), contained, 2)
+        for some in reflections(detail, zone, distance):
+            rows = light[..., some.first_row : some.first_row + some.n_rows]
+            needed = min(frequencies_of(rows.transpose(0, 1).flatten(1, -2), _LOST), some.turning)
+            kernels = seen.kernels(zone, some, needed)
+            series[some.first : some.first + some.count, :, :needed] = _series(kernels, rows[:, :needed])
+        grid.add_values(zone, series)
     return view.unpack(grid.seen_by(faced).unflatten(0, (-1, 3)))
 
 
-def _is_symmetric(table: MerlTable) -> bool:
-    """Whether f_r is the same at phi_d and -phi_d wherever it was measured."""
-    values, mirrored = table.values, table.values.flip(2)
-    same = ((values - mirrored).abs() <= _SYMMETRIC * values.abs()).all(-1)
-    return bool((same | ~table.valid).all()) and torch.equal(table.valid, table.valid.flip(2))
-
-
-def _series(kernels: TableKernels, light: Tensor) -> Tensor:
-    """(G, 3 L, M, 2): real and imaginary parts of the series on a group of rings under lights (L, M, 2, 3, E)."""
-    rows = slice(kernels.first_row, kernels.first_row + kernels.n_rows)
-    seen = light[:, : kernels.even.shape[1], ..., rows].permute(3, 1, 0, 2, 4).flatten(2, 3)  # (3, M, 2 L, E)
-    even, odd = (
-        None if part is None else torch.matmul(seen, part.to(light)).unflatten(2, (-1, 2))
-        for part in (kernels.even, kernels.odd)
-    )
-    assert even is not None
-    if odd is not None:
-        even = torch.stack([even[..., 0, :] - odd[..., 1, :], even[..., 1, :] + odd[..., 0, :]], -2)
-    return even.permute(4, 2, 0, 1, 3).flatten(1, 2)
+def _series(kernels: Sequence[Tensor], light: Tensor) -> Tensor:
+    """(G, 3 L, M, 2): real and imaginary parts of the series of G kernels under lights (L, M, 2, 3, E)."""
+    lights, m, _, _, e = light.shape
+    seen = light.permute(1, 0, 2, 3, 4).reshape(m, -1, e)
+    even, *odd = (
+        torch.bmm(seen, part.to(light).flatten(2)).view(m, lights, 2, 3, -1, 3).diagonal(dim1=3, dim2=5)
+        for part in kernels
+    )  # (M, L, 2, G, 3): each channel of the kernels under its own of the light
+    if odd:
+        even = torch.stack([even[:, :, 0] - odd[0][:, :, 1], even[:, :, 1] + odd[0][:, :, 0]], 2)
+    return even.permute(3, 1, 4, 0, 2).flatten(1, 2)

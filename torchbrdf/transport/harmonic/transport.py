@@ -148,15 +148,17 @@ class HarmonicTransport:
         return HarmonicTransport(groups, added)
 
 
-def frequencies_of(light: Tensor) -> int:
+def frequencies_of(light: Tensor, lost: float = 1e-9) -> int:
     """How many azimuth frequencies (M, 6, elevations) hold all of the light but 1 / 30,000 of its amplitude.
+
+    lost  of its energy
 
     All of them where gradients are wanted: they tell what the others would change.
     """
     if light.requires_grad:
         return len(light)
     energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((1, 2))
-    above = energy.flip(0).cumsum(0).flip(0) > _UNSEEN * energy.sum()
+    above = energy.flip(0).cumsum(0).flip(0) > lost * energy.sum()
     return max(1, int(above.sum()))
 
 

@@ -1,0 +1,102 @@
+"""What the harmonic transport wants to know of a single table, and keeps while the table lives."""
+
+import weakref
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchbrdf.brdf import GRID, MerlTable
+from torchbrdf.lasting import lasting
+from torchbrdf.transport.harmonic._table_kernels import Detail, Reflections
+from torchbrdf.transport.harmonic.grid import Zone
+
+_SYMMETRIC = 2e-3
+"""Relative difference of f_r at phi_d and -phi_d below which one stands for both."""
+
+_DULL = ((3, 27, 0.75), (1, 13, 1.2))
+"""Zones that are left to the next where f_r changes by less, in so many rows of theta_h, in terms of its mean."""
+
+_LIT = 80
+"""Rows of theta_d, in degrees, that tell."""
+
+
+@dataclass(eq=False)
+class SeenTable:
+    """A table as the kernels need it.
+
+    values     (cells, 3) float32: f_r
+    symmetric  whether it is the same for phi_d and -phi_d
+    merged     zones that it does not need, see `Detail`
+    """
+
+    values: Tensor
+    symmetric: bool
+    merged: int
+    _wanted: Hashable = None
+    _kept: dict[Reflections, list[Tensor]] | None = None
+
+    @staticmethod
+    def of(table: MerlTable) -> "SeenTable":
+        """Made once a table."""
+        if table not in _SEEN:
+            _SEEN[table] = _seen(table)
+        return _SEEN[table]
+
+    def show(self, detail: Detail, distance: float | None) -> None:
+        """Tell what `kernels` are wanted for: those of a table that was shown alike just before are kept this time."""
+        for other in list(_SHOWN_LAST):
+            if other is not self:
+                other._wanted = other._kept = None
+        _SHOWN_LAST.clear()
+        _SHOWN_LAST.add(self)
+        if self._wanted != (detail, distance):
+            self._wanted, self._kept = (detail, distance), None
+        elif self._kept is None:
+            self._kept = {}
+
+    @property
+    def kept(self) -> bool:
+        """Whether there are kernels that wait for another picture."""
+        return bool(self._kept)
+
+    def kernels(self, zone: Zone, some: Reflections, frequencies: int) -> list[Tensor]:
+        """See `Reflections.kernels`."""
+        kept = self._kept  # another thread may show another table
+        if kept is None:
+            return some.kernels(zone, self.values, self.symmetric, frequencies)
+        if some not in kept:
+            kept[some] = lasting(some.kernels)(zone, self.values, self.symmetric, some.turning)
+        return [part[:frequencies] for part in kept[some]]
+
+
+_SEEN: "weakref.WeakKeyDictionary[MerlTable, SeenTable]" = weakref.WeakKeyDictionary()
+
+_SHOWN_LAST: "weakref.WeakSet[SeenTable]" = weakref.WeakSet()
+"""One at most: kernels take a hundred MB, so a program that shows many tables once keeps none."""
+
+
+@lasting
+def _seen(table: MerlTable) -> SeenTable:
+    values = table.filled.float().cpu()
+    return SeenTable(values, _is_symmetric(table), _merged(values))
+
+
+def _is_symmetric(table: MerlTable) -> bool:
+    """Whether f_r is the same at phi_d and -phi_d wherever it was measured."""
+    half = GRID[2] // 2
+    valid, values = ((part[:, :, :half], part[:, :, half:].flip(2)) for part in (table.valid, table.values))
+    same = ((values[0] - values[1]).abs() <= _SYMMETRIC * values[0].abs()).all(-1)
+    return bool((same | ~valid[0]).all()) and torch.equal(*valid)
+
+
+def _merged(values: Tensor) -> int:
+    """How many zones, from the mirror direction, have no lobe that the next could not hold."""
+    table = values.view(*GRID, 3)[:, :_LIT]
+    for merged, rows, most in _DULL:
+        profile = table[:rows].mean(2)
+        change = (profile.amax(0) - profile.amin(0)) / profile.mean(0).clamp_min(torch.finfo(profile.dtype).tiny)
+        if float(change.quantile(0.9)) <= most:
+            return merged
+    return 0
