@@ -148,7 +148,7 @@ class HarmonicTransport:
         return HarmonicTransport(groups, added)
 
 
-def frequencies_of(light: Tensor, lost: float = 1e-9) -> int:
+def frequencies_of(light: Tensor, lost: float = _UNSEEN) -> int:
     """How many azimuth frequencies (M, 6, elevations) hold all of the light but 1 / 30,000 of its amplitude.
 
     lost  of its energy
