@@ -70,7 +70,7 @@ def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
     for name, value in vars(options).items():
         for path in value if isinstance(value, list) else [value]:
             if name != "output" and isinstance(path, str | Path) and Path(path).is_file() and output.samefile(path):
-                raise ValueError(f"{output}: the output is an input, which would be lost; give -o another name")
+                raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
 
 
 def parser() -> argparse.ArgumentParser:
