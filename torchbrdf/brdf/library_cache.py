@@ -119,7 +119,7 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
         size = (folder / "columns.f16").stat().st_size
         with safe_open(folder / "library.safetensors", "pt") as tensors:
             sound = set(tensors.keys()) == {"scale", "gram", "valid"}
-            sound = sound and bool(tensors.get_tensor("gram").any())  # which 0.10 stored of tables without a common cell
+            sound = sound and bool(tensors.get_tensor("gram").any())  # 0.10: no common cell
             peak = float(tensors.get_tensor("scale").max()) * 2**TARGET_EXPONENT
     except (OSError, ValueError, SafetensorError):
         return None
