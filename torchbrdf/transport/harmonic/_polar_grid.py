@@ -24,7 +24,8 @@ _SPACING = 2e-3
 _POINTS = (2, 4, 6, 8, 12, 16, 24)
 """Points along a side of a pixel that are used."""
 
-_POINTS_AT_ONCE = 1 << 20
+_VALUES_AT_ONCE = 6 << 20
+"""Of all pictures at points inside pixels."""
 
 
 class PolarGrid:
@@ -57,7 +58,7 @@ class PolarGrid:
         packed = radiance.new_zeros(len(radiance), len(pixels))
         points = _points_of(view, pixels)
         for n in points.unique().tolist():
-            for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
+            for some in torch.nonzero(points == n).ravel().split(max(1, _VALUES_AT_ONCE // (len(radiance) * n**2))):
                 places, lit = self._places(view, pixels[some], (torch.arange(n) + 0.5) / n, radiance.shape)
                 seen = grid_sample(radiance[None], places[None].to(radiance), align_corners=True)[0]
                 share = lit.to(radiance) / n**2  # a normal that faces away is dark
@@ -65,13 +66,16 @@ class PolarGrid:
         return packed
 
     def _radiance(self) -> Tensor:
-        """(C, H, A + 1), the first of A azimuths repeated at the end."""
-        frequencies = self._series.shape[2]
+        """(C, H, A + 1), the first of A azimuths repeated at the end; a picture at a time, for the memory."""
+        rows, pictures, frequencies = self._series.shape[:3]
         places = _PLACES * (frequencies - 1)
         between = torch.sinc(torch.arange(frequencies, device=self._series.device) / places).square()
-        waves = torch.view_as_complex(self._series) / between  # what linear interpolation between places costs
-        radiance = torch.fft.irfft(waves, n=places, norm="forward").transpose(0, 1)
-        return torch.cat([radiance, radiance[..., :1]], -1)
+        radiance = self._series.new_empty(pictures, rows, places + 1)
+        for i in range(pictures):
+            waves = torch.view_as_complex(self._series[:, i]) / between  # what interpolation between places costs
+            radiance[i, :, :-1] = torch.fft.irfft(waves, n=places, norm="forward")
+        radiance[..., -1] = radiance[..., 0]
+        return radiance
 
     def _places(self, view: View, pixels: Tensor, at: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
         """(P, n n, 2): where `grid_sample` finds the points of pixels; and which are not turned away."""

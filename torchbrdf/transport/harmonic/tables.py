@@ -50,9 +50,11 @@ def table_pictures(
 
 def _is_symmetric(table: MerlTable) -> bool:
     """Whether f_r is the same at phi_d and -phi_d wherever it was measured."""
-    values, mirrored = table.values, table.values.flip(2)
-    same = ((values - mirrored).abs() <= _SYMMETRIC * values.abs()).all(-1)
-    return bool((same | ~table.valid).all()) and torch.equal(table.valid, table.valid.flip(2))
+    for values, valid in zip(table.values, table.valid, strict=True):
+        same = ((values - values.flip(1)).abs() <= _SYMMETRIC * values.abs()).all(-1)
+        if not (bool((same | ~valid).all()) and torch.equal(valid, valid.flip(1))):
+            return False
+    return True
 
 
 def _series(kernels: TableKernels, light: Tensor) -> Tensor:
