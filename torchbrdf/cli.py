@@ -3,6 +3,7 @@
 import argparse
 import atexit
 import gc
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -49,10 +50,12 @@ def _load_torch() -> None:
     """Import it while no garbage is collected, and keep what it holds out of all later collections.
 
     They would go through its quarter of a million objects, again and again while they are made and twice at the end:
-    half a second of a short command.
+    half a second of a short command. NumPy's products and factorisations are small: its threads, which wait by turning
+    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be found.
     """
     if "torch" in sys.modules:
         return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()
     try:
         import torch  # noqa: F401

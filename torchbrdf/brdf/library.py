@@ -3,7 +3,7 @@
 import hashlib
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -267,20 +267,23 @@ class MaterialLibrary:
         has_weight = (weights != 0).any(2)  # (K, n)
         used = torch.nonzero(has_weight.any(0)).ravel()
         values = combined(self.stored, self.column_index[used], weights[:, used], keep)
-        return [
-            self._table(value, torch.nonzero(some).ravel().tolist(), name)
-            for value, some, name in zip(values, has_weight, names, strict=True)
-        ]
+        tables, measured = [], dict[tuple[int, ...], tuple[Tensor, bool]]()
+        for value, some, name in zip(values, has_weight, names, strict=True):
+            materials = tuple(sorted({self.materials[i // 3] for i in torch.nonzero(some).ravel().tolist()}))
+            if materials not in measured:
+                measured[materials] = self._measured(materials)
+            valid, filled = measured[materials]
+            make = MerlTable.of_filled if filled else MerlTable
+            tables.append(make(value.view(*GRID, 3), valid, name))
+        return tables
 
-    def _table(self, values: Tensor, columns: Iterable[int], name: str) -> MerlTable:
-        """A table of combined columns, measured where all of their materials are."""
-        masks = self.stored.valid[sorted({self.materials[i // 3] for i in columns})]
+    def _measured(self, materials: tuple[int, ...]) -> tuple[Tensor, bool]:
+        """(90, 90, 180) bool: measured in all of some stored materials; and whether all are filled as one table is."""
+        masks = self.stored.valid[list(materials)]
         common = torch.full_like(self.stored.valid[0], 0xFF)
         for mask in masks:
             common &= mask
-        filled = len(masks) > 0 and bool((masks == common).all())  # then columns are filled as the table would be
-        make = MerlTable.of_filled if filled else MerlTable
-        return make(values.view(*GRID, 3), _unpacked(common), name)
+        return _unpacked(common), len(masks) > 0 and bool((masks == common).all())
 
     def rows(self, cells: Tensor | slice) -> Tensor:
         """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured."""

@@ -44,6 +44,9 @@ _MOST_PARTS = 4
 _SUMMED = 256
 """Values of a block of the checksum."""
 
+_SUMMED_AT_ONCE = 1024
+"""Blocks: 2 MB as int64."""
+
 _in_memory: LastFew[str, HarmonicTransport] = LastFew(4)
 
 
@@ -216,9 +219,14 @@ def _read(path: Path) -> tuple[Kernels, ...] | None:
 def _checksum(values: Tensor, contents: str) -> str:
     """Of the contents' text and of a sum over the bits of every block of values: a hash of all takes too long.
 
-    Some at a time: all of them as int64 would take twice the memory of the file, and seven times as long.
+    Some at a time, in one buffer: all of them as int64 would take twice the memory of the file, and seven times as long.
     """
-    blocks = values.view(torch.int32)
-    ends = len(blocks) // _SUMMED * _SUMMED
-    parts = [part.view(-1, _SUMMED).sum(1, dtype=torch.int64) for part in blocks[:ends].split(_SUMMED << 10)]
-    return hashlib.sha256(contents.encode() + torch.cat([*parts, blocks[ends:].long()]).numpy().tobytes()).hexdigest()
+    bits = values.view(torch.int32)
+    whole = len(bits) // _SUMMED
+    sums = torch.empty(whole, dtype=torch.int64)
+    buffer = torch.empty(min(whole, _SUMMED_AT_ONCE), _SUMMED, dtype=torch.int64)
+    for start in range(0, whole, _SUMMED_AT_ONCE):
+        blocks = bits[start * _SUMMED : min(start + _SUMMED_AT_ONCE, whole) * _SUMMED].view(-1, _SUMMED)
+        torch.sum(buffer[: len(blocks)].copy_(blocks), 1, out=sums[start : start + len(blocks)])
+    sums = torch.cat([sums, bits[whole * _SUMMED :].long()])
+    return hashlib.sha256(contents.encode() + sums.numpy().tobytes()).hexdigest()
