@@ -219,7 +219,7 @@ def _read(path: Path) -> tuple[Kernels, ...] | None:
 def _checksum(values: Tensor, contents: str) -> str:
     """Of the contents' text and of a sum over the bits of every block of values: a hash of all takes too long.
 
-    Some at a time, in one buffer: all of them as int64 would take twice the memory of the file, and seven times as long.
+    Some at a time, in one buffer: all of them as int64 would take twice the memory of the file and seven times as long.
     """
     bits = values.view(torch.int32)
     whole = len(bits) // _SUMMED
