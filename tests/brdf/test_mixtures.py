@@ -311,7 +311,7 @@ class TestKinds:
         expected = MerlTable.open(folders[1] / "teal.binary")
         table = library.combine(weights)
         assert torch.equal(table.valid, expected.valid)
-        assert torch.allclose(table.values[table.valid], expected.values[table.valid], rtol=5e-4)
+        assert torch.allclose(table.values[table.valid].double(), expected.values[table.valid], rtol=5e-4)
 
 
 def write_empty(path: Path) -> None:
