@@ -261,7 +261,7 @@ def run(args: argparse.Namespace) -> None:
     methods = list(dict.fromkeys(Method.named(name) for name in named))
     noise = list(dict.fromkeys(args.noise))
     probes = open_probes(args.probes)
-    library = tb.MaterialLibrary.default() if args.library == "default" else tb.MaterialLibrary.from_merl(args.library)
+    library = tb.MaterialLibrary.from_files(args.library)
     materials = list(dict.fromkeys(args.materials or library.names))
     for name in materials:
         library.position(name)

@@ -72,8 +72,7 @@ def run(options: argparse.Namespace) -> None:
         raise ValueError("figure 4 needs measured materials: give --measured with a folder of .bsdf files")
     measured = captured(options.measured, options.captured) if 4 in figures else []
     probes = list(open_probes(options.probes).values())
-    default = options.library == "default"
-    library = tb.MaterialLibrary.default() if default else tb.MaterialLibrary.from_merl(options.library)
+    library = tb.MaterialLibrary.from_files(options.library)
     shown = {figure: materials_of(library, figure, options.materials) for figure in figures if figure != 4}
     if 4 in figures:
         load_mitsuba()

@@ -192,7 +192,7 @@ def run(args: argparse.Namespace) -> None:
         check_document(args.document)
     every = {**{name: method.every for name, method in METHODS.items()}, **dict(args.every)}
     probes = open_probes(args.probes)
-    library = tb.MaterialLibrary.default() if args.library == "default" else tb.MaterialLibrary.from_merl(args.library)
+    library = tb.MaterialLibrary.from_files(args.library)
     materials = list(dict.fromkeys(args.materials or library.names))
     for name in materials:
         library.position(name)

@@ -65,7 +65,7 @@ class Lights:
 
 
 def render_lights(options: argparse.Namespace) -> Lights:
-    library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     view = tb.SphereView(options.size)
     probe = tb.LightProbe.default() if options.probe is None else tb.LightProbe.open(options.probe, rows="poles")
     novel = lamps() if options.novel is None else tb.LightProbe.open(options.novel, rows="poles")

@@ -103,7 +103,8 @@ def test_truncated_and_oversized_tables(capsys, tmp_path, bytes_more, state):
         np.array(GRID, "<i4").tofile(file)
         file.truncate(FILE_BYTES + bytes_more)
     line = fails(capsys, "render", path, "--probe", "default", "-o", tmp_path / "x.png")
-    assert f"{path}: {state} MERL table: expected 34992012 bytes, got {34992012 + bytes_more}" in line
+    sizes = f"expected 34992012 bytes, got {34992012 + bytes_more}"
+    assert f"{path}: {state} MERL table: {sizes}; the file is damaged: download or convert it again" in line
     assert not (tmp_path / "x.png").exists()
 
 
@@ -250,6 +251,6 @@ def test_an_input_is_not_written_over(capsys, tmp_path, monkeypatch, arguments):
     for name in ("kept.exr", "other.exr"):
         (tmp_path / name).write_bytes(b"an exposure")
     assert main(list(arguments)) == 2
-    said = "kept.exr: the output is an input, which would be lost; give -o another name"
+    said = "kept.exr: the output is an input, which would be lost; give the output another name"
     assert capsys.readouterr().err == f"torchbrdf: error: {said}\n"
     assert (tmp_path / "kept.exr").read_bytes() == b"an exposure"

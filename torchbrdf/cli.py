@@ -3,6 +3,7 @@
 import argparse
 import atexit
 import gc
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -49,10 +50,12 @@ def _load_torch() -> None:
     """Import it while no garbage is collected, and keep what it holds out of all later collections.
 
     They would go through its quarter of a million objects, again and again while they are made and twice at the end:
-    half a second of a short command.
+    half a second of a short command. NumPy's products and factorisations are small: its threads, which wait by turning
+    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be found.
     """
     if "torch" in sys.modules:
         return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()
     try:
         import torch  # noqa: F401
@@ -70,7 +73,7 @@ def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
     for name, value in vars(options).items():
         for path in value if isinstance(value, list) else [value]:
             if name != "output" and isinstance(path, str | Path) and Path(path).is_file() and output.samefile(path):
-                raise ValueError(f"{output}: the output is an input, which would be lost; give -o another name")
+                raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
 
 
 def parser() -> argparse.ArgumentParser:

@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> None:
     unknown = [name for name in options.observe or () if name not in probes]
     if unknown:
         raise ValueError(f"--observe {unknown[0]}: there are the probes {', '.join(probes)}")
-    library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     folder = options.merl_targets
     targets = read_targets(options.targets) if folder is None else merl_targets(folder, probes, SIZE)
     experiment = Experiment.of(library, probes, targets, options.tables)

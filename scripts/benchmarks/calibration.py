@@ -319,7 +319,7 @@ def reliability(namings: Sequence[Naming]) -> str:
 def run(options: argparse.Namespace) -> None:
     probes = open_probes(options.probes or default_probes())
     folder = options.library
-    library = tb.MaterialLibrary.default() if folder is None else tb.MaterialLibrary.from_merl(folder)
+    library = tb.MaterialLibrary.from_files(folder or "default")
     bases: Bases = {}
     again: Bases = {}
     for name, light in tqdm(probes.items() if options.leave_out else (), desc="basis", leave=False):

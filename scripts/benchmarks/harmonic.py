@@ -55,7 +55,7 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # negative texels, meshes without normals
 
-    library = MaterialLibrary.from_merl(options.library) if options.library else MaterialLibrary.default()
+    library = MaterialLibrary.from_files(options.library or "default")
     library = library.subset(library.names[:: options.every])
     start = time.perf_counter()
     transport = transport_of(library, progress=True, perspective="perspective" in options.tables)

@@ -116,7 +116,7 @@ def case(
 
 def run(options: argparse.Namespace) -> int:
     warnings.simplefilter("ignore", UserWarning)
-    library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     rows: list[Mapping[str, Any]] = []
     for name in options.probes:
         rest = read_image(SHARED / "probes" / name).clamp_min(0)

@@ -78,7 +78,7 @@ def novel_error(
 def run(options: argparse.Namespace) -> None:
     """Render, judge and compare."""
     folder = options.library
-    library = tb.MaterialLibrary.default() if folder is None else tb.MaterialLibrary.from_merl(folder)
+    library = tb.MaterialLibrary.from_files(folder or "default")
     probes = open_probes(options.probes or default_probes())
     view, classes = tb.SphereView(options.size), tb.MaterialClasses.fit(library)
     rendered: dict[str, Pair] = {}

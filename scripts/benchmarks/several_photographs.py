@@ -71,13 +71,13 @@ def draw(path: Path, found: dict[tuple[str, int], list[float]], floor: float) ->
         axes.plot(counts, [100 * statistics.mean(found[name, k]) for k in counts], "o-", color=colour, label=name)
     axes.axhline(100 * floor, color="#888888", linestyle=":", label="floor: all seven probes at once")
     axes.set(xlabel="photographs", ylabel="mean novel-light error, %", xticks=list(counts), ylim=(0, None))
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="center right", bbox_to_anchor=(1, 0.57))
     with writing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
 
 
 def run(options: argparse.Namespace) -> None:
-    library = tb.MaterialLibrary.default() if options.library is None else tb.MaterialLibrary.from_merl(options.library)
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     experiment = Experiment.of(library, open_probes(default_probes()), read_targets(options.targets))
     for relation in experiment.relations:
         folds = experiment.folds(relation)

@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=65536, help="of Mitsuba, a pixel")
     parser.add_argument("--fine", type=int, nargs="+", default=[16], help="points along a side of a pixel")
     options = parser.parse_args()
-    library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     table = library.table(MATERIAL)
     probe = tb.LightProbe.open(SHARED / "probes" / "venice.exr", rows="poles")
     warnings.simplefilter("ignore")

@@ -266,7 +266,7 @@ def light_and_cells(scene: Scene, samples: int) -> Iterator[Row]:
 
 def memory(library: Path | None, size: int, samples: int) -> Iterator[Row]:
     """Peak memory of `render_basis` in a process of its own; pages of the mapped library can be given back."""
-    opened = f"tb.MaterialLibrary.from_merl({str(library)!r})" if library else "tb.MaterialLibrary.default()"
+    opened = f"tb.MaterialLibrary.from_files({str(library or 'default')!r})"
     code = (
         f"import torchbrdf as tb\nlibrary = {opened}\n"
         f"tb.render_basis(library, tb.LightProbe.default(), tb.SphereView({size}), samples={samples})\n"
@@ -327,7 +327,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     options = parser.parse_args(argv)
-    library = tb.MaterialLibrary.from_merl(options.library) if options.library else tb.MaterialLibrary.default()
+    library = tb.MaterialLibrary.from_files(options.library or "default")
     probe = tb.LightProbe.open(options.probe, rows="poles") if options.probe else tb.LightProbe.default()
     scene = Scene.of(library, probe, options.size, options.samples, options.repeats)
     rows = [*measure(scene, options.samples, options.device), *memory(options.library, options.size, options.samples)]

@@ -83,7 +83,7 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="log-log plot, .png")
     options = parser.parse_args()
 
-    library = MaterialLibrary.from_merl(options.library) if options.library else MaterialLibrary.default()
+    library = MaterialLibrary.from_files(options.library or "default")
     tables = [library.table(name) for name in MATERIALS]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the bunny's file has no normals

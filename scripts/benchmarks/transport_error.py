@@ -39,7 +39,7 @@ def main() -> None:
     files = arguments.probes
     if files is None:
         files = [path for name in ("grace", "ennis", "uffizi") if (path := PROBES / f"{name}.hdr").is_file()]
-    library = MaterialLibrary.from_merl(arguments.library) if arguments.library else MaterialLibrary.default()
+    library = MaterialLibrary.from_files(arguments.library or "default")
     view = SphereView(arguments.size)
     threads = torch.get_num_threads()
     print(f"{library!r}, {view!r}, {threads} threads, reference: {arguments.reference_samples} samples a pixel\n")

@@ -29,7 +29,7 @@ def main() -> None:
     parser.add_argument("--shapes", nargs="+", choices=["sphere", "bunny"], default=["sphere", "bunny"])
     parser.add_argument("--samples", type=int, default=32768, help="of Mitsuba, a pixel and seed")
     options = parser.parse_args()
-    whole = MaterialLibrary.from_merl(options.library) if options.library else MaterialLibrary.default()
+    whole = MaterialLibrary.from_files(options.library or "default")
     library = MaterialLibrary.from_tables([whole.table(name) for name in MATERIALS])
     warnings.simplefilter("ignore")
     views: dict[str, View] = {"sphere": SphereView(64), "bunny": MeshView(SHARED / "shapes" / "bunny.ply", 64)}

@@ -207,7 +207,7 @@ class TestCombine:
             table = tiny_library.combine(weights, "copy")
             assert table.name == "copy"
             expected = tiny_library.table(name).values
-            assert torch.allclose(table.values[table.valid], expected[table.valid], rtol=1e-6)
+            assert torch.allclose(table.values[table.valid].double(), expected[table.valid], rtol=1e-6)
 
     def test_few_and_many_weights_agree(self, tiny_library: MaterialLibrary):
         """Adding columns of negligible weight must not change the result: two ways to gather."""

@@ -242,6 +242,27 @@ class TestKinds:
             table.save(path)
         with pytest.raises(ValueError, match=r"^no cell was measured in all of these 2 .*; \w+ measured fewest"):
             opened(folders[0])
+        assert list((cache / "libraries").iterdir()) == []
+
+    def test_holes_of_what_is_left_out_cut_no_cells(self, cache: Path, folders: tuple[Path, Path]):
+        path = folders[0] / "red.binary"
+        table = MerlTable.open(path)
+        table.valid[40:] = False
+        path.unlink()
+        table.save(path)
+        kept = MaterialLibrary.from_files(folders, progress=False, without=["red"])
+        alone = in_memory(folders).subset(["white", "teal"])
+        whole = MaterialLibrary.from_tables([alone.table(name) for name in alone.names])
+        torch.testing.assert_close(kept.gram, whole.gram, rtol=1e-3, atol=0)
+
+    def test_a_small_hole_makes_no_second_cache(self, cache: Path, folders: tuple[Path, Path]):
+        kept = MaterialLibrary.from_files(folders, progress=False, without=["red"])
+        assert kept.source == opened(*folders).source
+
+    def test_a_table_of_zeros(self, cache: Path, folders: tuple[Path, Path]):
+        replaced(folders[0] / "red.binary", 0)
+        with pytest.warns(UserWarning, match=r"^red: reflects nothing: f_r is 0 "):
+            opened(*folders)
 
     def test_a_name_without_its_folder(self, cache: Path, folders: tuple[Path, Path], merl_directory: Path):
         os.link(merl_directory / "gold-0.3.binary", folders[1] / "red.binary")
@@ -290,7 +311,7 @@ class TestKinds:
         expected = MerlTable.open(folders[1] / "teal.binary")
         table = library.combine(weights)
         assert torch.equal(table.valid, expected.valid)
-        assert torch.allclose(table.values[table.valid], expected.values[table.valid], rtol=5e-4)
+        assert torch.allclose(table.values[table.valid].double(), expected.values[table.valid], rtol=5e-4)
 
 
 def write_empty(path: Path) -> None:

@@ -217,6 +217,7 @@ def test_hostile_containers_end_in_one_line(tmp_path: Path, kind: str):
 
 BAD = {
     "theta_i": (np.array([0, 0.5, 0.4, 1.2, 1.5], np.float32), "must hold increasing angles"),
+    "phi_i": (np.array([180], np.float32), "phi_i goes from 180 to 180, beyond a whole turn in radians"),
     "vndf": (np.zeros((1, 5, 16, 24), np.float32), "'vndf' is 0 for some direction"),
     "rgb": (np.full((1, 5, 3, NODES, NODES), np.nan, np.float32), "'rgb' is not finite"),
     "sigma": (np.zeros((2, 8), np.float32), "'sigma' is 0 somewhere"),

@@ -33,6 +33,18 @@ def test_what_to_be_warned_of(capsys, folder: Path):
     assert "warning: bright and white are one measurement" in said
 
 
+def test_a_table_of_zeros_and_one_of_few_cells(capsys, folder: Path):
+    white = MerlTable.open(folder / "white.binary")
+    MerlTable(white.values * 0, white.valid).save(folder / "dark.binary")
+    valid = white.valid.clone()
+    valid[30:] = False
+    MerlTable(white.values, valid).save(folder / "torn.binary")
+    assert main(["verify", str(folder)]) == 0
+    said = capsys.readouterr().err
+    assert "warning: dark: reflects nothing: " in said
+    assert "warning: torn: 57% of its cells were not measured; " in said
+
+
 def test_a_fit_and_a_file_of_several_folders(capsys, folder: Path, merl_directory: Path, tmp_path: Path):
     (tmp_path / "ball").mkdir()
     os.link(merl_directory / "red.binary", tmp_path / "ball" / "brdf.binary")

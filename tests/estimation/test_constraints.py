@@ -130,7 +130,7 @@ def test_energy_on_ten_materials_of_the_default_library(default_library: Materia
     assert (found.iterations > 0).all()
     clamped = library.combine(found.weights.T)
     raw = all_values(library, found.weights)[usable]
-    assert torch.allclose(clamped.values.reshape(-1, 3)[usable], raw, atol=1e-5 * float(raw.max()))
+    assert torch.allclose(clamped.values.reshape(-1, 3)[usable].to(raw), raw, atol=1e-5 * float(raw.max()))
 
 
 def test_feasible_means_come_back(tiny_library: MaterialLibrary, bounds: EnergyBounds):

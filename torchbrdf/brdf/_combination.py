@@ -15,7 +15,7 @@ _SPARSE = 16
 
 
 def combined(stored: StoredColumns, columns: Tensor, weights: Tensor, keep: bool = True) -> list[Tensor]:
-    """K times B w (N_CELLS, 3) float64 on the CPU, computed in float32, what is below zero set to zero.
+    """K times B w (N_CELLS, 3) float32 on the CPU, what is below zero set to zero.
 
     columns  (c,)       of those stored
     weights  (K, c, 3)  float64
@@ -27,7 +27,7 @@ def combined(stored: StoredColumns, columns: Tensor, weights: Tensor, keep: bool
     if not gathered:
         scaled = scaled.new_zeros(len(scaled), n).index_add_(1, columns, scaled)
     scaled = scaled.to(device, torch.float32)
-    values = [torch.empty(N_CELLS, 3, dtype=torch.float64) for _ in weights]
+    values = [torch.empty(N_CELLS, 3) for _ in weights]
     buffer = torch.empty(_BLOCK_CELLS, scaled.shape[1], device=device)
     for start, rows in stored.blocks(_BLOCK_CELLS, keep):
         buffer.copy_(rows[:, columns] if gathered else rows)

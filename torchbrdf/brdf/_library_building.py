@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from torchbrdf.brdf._remarks import brightness, holes
 from torchbrdf.brdf._reused_columns import GramSum, reusable
-from torchbrdf.brdf.albedo import WRONG_ALBEDO, albedo_of, reflects_too_much
+from torchbrdf.brdf.albedo import albedo_of
 from torchbrdf.brdf.column_sources import ColumnSource
 from torchbrdf.brdf.merl import nearest_measured
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
@@ -26,9 +27,6 @@ from torchbrdf.brdf.stored_columns import (
 
 TARGET_EXPONENT = 11
 """Of two: where the largest value of a column is, divided by its scale."""
-
-_FEW = 0.6
-"""Share of its cells that a table should have measured: of 16 materials of the RGL database the least is 0.83."""
 
 _CELLS_AT_ONCE = 256
 """Far from each other: the system reads ahead, and maps what is around each."""
@@ -69,7 +67,7 @@ class Build:
                 self.scale[3 * material : 3 * material + 3] = _scale_of(extent.peak.double())
                 self.said[material] = extent.said
                 bar.update()
-            everywhere = shared_cells(self.valid)
+            everywhere = self._shared_cells()
             total = GramSum(self.scale, everywhere, self.reused, columns_of(self.fresh))
             for i in range(GRID[0]):
                 halves, exact = self._row(i)
@@ -81,6 +79,17 @@ class Build:
             for i in range(GRID[0]):
                 total.add(slice(i * ROW_CELLS, (i + 1) * ROW_CELLS), *self._row(i))
         self.gram = total.total()
+
+    def _shared_cells(self) -> Tensor:
+        """(N_CELLS,) bool. Raises ValueError where no cell was measured in all materials."""
+        everywhere = shared_cells(self.valid)
+        if not everywhere.any():
+            fewest = min(range(len(self.names)), key=lambda i: int(shared_cells(self.valid[[i]]).sum()))
+            raise ValueError(
+                f"no cell was measured in all of these {len(self.names)} materials, so they have no classes; "
+                f"{self.names[fewest]} measured fewest: take its file away"
+            )
+        return everywhere
 
     def _row(self, i: int) -> tuple[Tensor, Tensor]:
         """Row i of f_r / scale: of all columns as float16, and of the new ones before they are rounded."""
@@ -164,7 +173,7 @@ def reader(columns: Tensor, mapping: mmap.mmap | None) -> Callable[[Tensor], Ten
 def remarks(
     rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor, materials: Sequence[int]
 ) -> list[tuple[str, ...]]:
-    """For each of some materials what to say of it: that it reflects far more than it gets, that it has few cells.
+    """For each of some materials what to say of it, see `brightness` and `holes`.
 
     rows  f_r / scale (r, n) of all columns in cells (r,)
     """
@@ -173,20 +182,11 @@ def remarks(
     which = _run(materials)
     albedo = albedo_of(lambda cells: rows(cells)[:, which]) * scale[which]
     each = zip(materials, albedo.split(3, dim=1), strict=True)
-    return [tuple(filter(None, (_brightness(one), _holes(valid[[i]])))) for i, one in each]
+    return [tuple(filter(None, (brightness(one), holes(_measured_share(valid[[i]]))))) for i, one in each]
 
 
-def _brightness(albedo: Tensor) -> str | None:
-    said = reflects_too_much(albedo, WRONG_ALBEDO)
-    advice = "is it f_r in 1/sr, without the cosine? A factor counts in every fit: divide it, or leave it out"
-    return None if said is None else f"{said}; {advice}"
-
-
-def _holes(valid: Tensor) -> str | None:
-    """Of a table (1, N_CELLS / 8) that measured few cells: it voids those of every combination it is part of."""
-    share = float(shared_cells(valid).sum()) / float(above_horizon().sum())
-    advice = "what it has a weight in lacks them, too: leave it out"
-    return None if share >= _FEW else f"{1 - share:.0%} of its cells were not measured; {advice}"
+def _measured_share(valid: Tensor) -> float:
+    return float(shared_cells(valid).sum()) / float(above_horizon().sum())
 
 
 def same_in(rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:

@@ -16,6 +16,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from torchbrdf.brdf.settings import AGAIN
 from torchbrdf.files import existing_file, printable
 
 _MAGIC = b"tensor_file\0"
@@ -28,8 +29,6 @@ _CODES = {dtype: code for code, dtype in _TYPES.items()}
 _ALIGNMENT = 8
 _MOST_AXES = 32
 """More NumPy has no arrays of."""
-
-AGAIN = "the file is damaged: download or convert it again"
 
 
 @dataclass(frozen=True)

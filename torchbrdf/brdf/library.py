@@ -3,7 +3,7 @@
 import hashlib
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
 from torchbrdf.brdf.settings import EMBEDDED
-from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of
+from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of, shared_cells
 from torchbrdf.files import cache_folder
 
 MIN_MATERIALS = 8
@@ -65,30 +65,44 @@ class MaterialLibrary:
         Folders that `torchbrdf fit` wrote count as their table. Materials are named after their files, with as many
         folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, converted
         once to a cache that is memory-mapped after; what another cache holds is taken from there.
-        without leaves out some, as the method does. Warns, whenever it is opened, of tables that are one measurement,
-        of such as reflect twice what they get or more or measured few cells, and of what reading them warned of. Raises
-        OSError or ValueError as `library_members`, and where a table is unsound.
+        without leaves out some, as the method does, but gives back the cells that holes of theirs cost the others.
+        Warns, whenever it is opened, of tables that are one measurement, of such as reflect nothing or twice what they
+        get or more, or measured few cells, and of what reading them warned of. Raises OSError or ValueError as
+        `library_members`, and where a table is unsound or no cell was measured in all.
         """
         given = as_list(sources)
         if set(given) == {EMBEDDED}:
             return cls.default(progress).without(*without)
         known = [cls.default(progress).stored] if EMBEDDED in given else []
         members = library_members(given, known[0].names if known else ())
-        tables = {member.name: member.path for member in members if member.path is not None}
-        folder = next(iter(tables.values())).parent if len(given) == 1 and Path(given[0]).is_dir() else None
+        tables = [member.path for member in members if member.path is not None]
+        folder = tables[0].parent if len(given) == 1 and Path(given[0]).is_dir() else None
         where = ", ".join(given) if folder is None else str(folder)
         _check_enough(len(members), where, f'add MERL *.binary files, or name "{EMBEDDED}" too')
-        source = MerlSource(list(tables.values()), list(tables))
         if folder is not None and _is_plain(members):
             resolved = folder.resolve()
             key = hashlib.sha256(os.fsencode(resolved)).hexdigest()[:12]
+            source = MerlSource(tables, [member.name for member in members])
             stored = open_or_build(source, cache_folder() / "libraries" / f"{resolved.name}-{key}", progress)
-            return cls._whole(stored).without(*without)._checked()
-        held = iter(known[0].stamps if known else ())
-        embedded = {member.name: next(held) for member in members if member.path is None}
-        mixed = StampedSource([member.name for member in members], embedded, source)
+            library = cls._whole(stored).without(*without)
+        else:
+            library = cls._of_members(members, progress, known).without(*without)
+        if without and library._is_cut_by_others:
+            used = set(library.names)
+            library = cls._of_members([member for member in members if member.name in used], progress, known)
+        return library._checked([member.name for member in members if member.path is None])
+
+    @classmethod
+    def _of_members(
+        cls, members: Sequence[Member], progress: bool, known: Sequence[StoredColumns]
+    ) -> "MaterialLibrary":
+        """Of files and, where it is known, the embedded library."""
+        tables = {member.name: member.path for member in members if member.path is not None}
+        stamps = dict(zip(known[0].names, known[0].stamps, strict=True)) if known else {}
+        held = {one.name: stamps[one.name.removeprefix(f"{EMBEDDED}/")] for one in members if one.path is None}
+        mixed = StampedSource([one.name for one in members], held, MerlSource(list(tables.values()), list(tables)))
         places = [str(member.path.resolve()) if member.path else member.name for member in members]
-        return cls._mixture(mixed, places, progress, known).without(*without)._checked(embedded)
+        return cls._mixture(mixed, places, progress, known)
 
     @classmethod
     def _mixture(
@@ -127,15 +141,15 @@ class MaterialLibrary:
         stored = self.stored
         return stored.stamps or tuple(f"{stored.fingerprint} {i}" for i in range(len(stored.names)))
 
+    @property
+    def _is_cut_by_others(self) -> bool:
+        """Whether stored materials that it leaves out cost its Gram matrix a tenth of the cells or more."""
+        valid = self.stored.valid
+        return int(shared_cells(valid).sum()) < 0.9 * int(shared_cells(valid[list(self.materials)]).sum())
+
     def _checked(self, embedded: Collection[str] = ()) -> "MaterialLibrary":
         """Itself; warns of what is to be said of its tables, but of no two that are both embedded."""
         names, own = self.stored.names, set(self.names)
-        if not self.stored.gram.any():
-            fewest = int(torch.stack([_unpacked(bits).sum() for bits in self.stored.valid]).argmin())
-            raise ValueError(
-                f"no cell was measured in all of these {len(names)} materials, so they have no classes; "
-                f"{names[fewest]} measured fewest: take its file away"
-            )
         for name, texts in zip(names, self.stored.said, strict=True):
             for text in texts if name in own else ():
                 warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
@@ -253,20 +267,23 @@ class MaterialLibrary:
         has_weight = (weights != 0).any(2)  # (K, n)
         used = torch.nonzero(has_weight.any(0)).ravel()
         values = combined(self.stored, self.column_index[used], weights[:, used], keep)
-        return [
-            self._table(value, torch.nonzero(some).ravel().tolist(), name)
-            for value, some, name in zip(values, has_weight, names, strict=True)
-        ]
+        tables, measured = [], dict[tuple[int, ...], tuple[Tensor, bool]]()
+        for value, some, name in zip(values, has_weight, names, strict=True):
+            materials = tuple(sorted({self.materials[i // 3] for i in torch.nonzero(some).ravel().tolist()}))
+            if materials not in measured:
+                measured[materials] = self._measured(materials)
+            valid, filled = measured[materials]
+            make = MerlTable.of_filled if filled else MerlTable
+            tables.append(make(value.view(*GRID, 3), valid, name))
+        return tables
 
-    def _table(self, values: Tensor, columns: Iterable[int], name: str) -> MerlTable:
-        """A table of combined columns, measured where all of their materials are."""
-        masks = self.stored.valid[sorted({self.materials[i // 3] for i in columns})]
+    def _measured(self, materials: tuple[int, ...]) -> tuple[Tensor, bool]:
+        """(90, 90, 180) bool: measured in all of some stored materials; and whether all are filled as one table is."""
+        masks = self.stored.valid[list(materials)]
         common = torch.full_like(self.stored.valid[0], 0xFF)
         for mask in masks:
             common &= mask
-        filled = len(masks) > 0 and bool((masks == common).all())  # then columns are filled as the table would be
-        make = MerlTable.of_filled if filled else MerlTable
-        return make(values.view(*GRID, 3), _unpacked(common), name)
+        return _unpacked(common), len(masks) > 0 and bool((masks == common).all())
 
     def rows(self, cells: Tensor | slice) -> Tensor:
         """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured."""

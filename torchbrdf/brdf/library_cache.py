@@ -52,7 +52,12 @@ def open_or_build(
         if manifest is None or manifest.get("stamp") != source.stamp:
             _remove_leftovers(folder)
             held = [] if known is None else [*known, *_caches(folder, stamps)]
-            _build_folder(source, stamps, folder, progress, held)
+            try:
+                _build_folder(source, stamps, folder, progress, held)
+            except (OSError, ValueError):
+                with suppress(OSError):
+                    _lock_of(folder).unlink()
+                raise
             _clear(folder)
         elif "said" not in manifest:
             _complete(folder, manifest, stamps)
@@ -114,6 +119,7 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
         size = (folder / "columns.f16").stat().st_size
         with safe_open(folder / "library.safetensors", "pt") as tensors:
             sound = set(tensors.keys()) == {"scale", "gram", "valid"}
+            sound = sound and bool(tensors.get_tensor("gram").any())  # 0.10: no common cell
             peak = float(tensors.get_tensor("scale").max()) * 2**TARGET_EXPONENT
     except (OSError, ValueError, SafetensorError):
         return None

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference, half_difference
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon, cell_centres, cell_index, grid_coordinates
-from torchbrdf.brdf.settings import RGL_SUFFIX
+from torchbrdf.brdf.settings import AGAIN, RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
 
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
@@ -121,7 +121,7 @@ class MerlTable:
             return cls(values, torch.from_numpy((stored >= 0).all(-1) | ~np.isfinite(stored).all(-1)), path.stem)
         except ValueError as error:
             problem = str(error).removeprefix(f"{path.stem}: ")
-            raise ValueError(f"{path}: {problem}; the file is damaged: download or convert it again") from None
+            raise ValueError(f"{path}: {problem}; {AGAIN}") from None
 
     @classmethod
     def from_bsdf(cls, path: str | os.PathLike[str], isotropic: bool = False) -> "MerlTable":
@@ -250,7 +250,7 @@ def check_file(path: Path) -> None:
         raise ValueError(f"{path}: not a MERL table: the header must be {GRID}, got {dimensions or header!r}")
     if size != FILE_BYTES:
         state = "truncated" if size < FILE_BYTES else "oversized"
-        raise ValueError(f"{path}: {state} MERL table: expected {FILE_BYTES} bytes, got {size}")
+        raise ValueError(f"{path}: {state} MERL table: expected {FILE_BYTES} bytes, got {size}; {AGAIN}")
 
 
 def read_planes(path: Path, first: int = 0, count: int = N_CELLS) -> np.ndarray:

@@ -18,8 +18,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf._tensor_file import AGAIN, TensorFile
+from torchbrdf.brdf._tensor_file import TensorFile
 from torchbrdf.brdf._warps import Between, Grids, Warps
+from torchbrdf.brdf.settings import AGAIN
 from torchbrdf.brdf.spectra import to_rec709
 
 WHAT = "an RGL .bsdf file of a measured material"
@@ -67,6 +68,9 @@ class RGLMaterial:
         if theta_i[0] < 0 or theta_i[-1] > pi / 2 + 1e-3:
             ends = f"{theta_i[0]:.4g} to {theta_i[-1]:.4g}"
             raise ValueError(f"{path}: theta_i goes from {ends}, beyond 0 to pi/2; {AGAIN}")
+        if max(abs(phi_i[0]), abs(phi_i[-1])) > 2 * pi + 1e-3:
+            ends = f"{phi_i[0]:.4g} to {phi_i[-1]:.4g}"
+            raise ValueError(f"{path}: phi_i goes from {ends}, beyond a whole turn in radians; {AGAIN}")
         parameters = (len(phi_i), len(theta_i))
         density = _sound(file, "vndf", parameters, least=0.0)
         if not (density.sum((2, 3)) > 0).all():

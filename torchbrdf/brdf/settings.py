@@ -19,3 +19,6 @@ RESULT_STD = "brdf_std.binary"
 
 EMBEDDED = "default"
 """Names the embedded library among files."""
+
+AGAIN = "the file is damaged: download or convert it again"
+"""What to do, in a message."""

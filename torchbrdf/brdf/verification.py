@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from torchbrdf.brdf.albedo import ALBEDO_DEG, directional_albedo
+from torchbrdf.brdf._remarks import brightness, holes
+from torchbrdf.brdf.albedo import ALBEDO_DEG, MUCH_ALBEDO, directional_albedo
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.brdf.members import Member, as_list, library_members
 from torchbrdf.brdf.merl import MerlTable
@@ -45,6 +46,11 @@ class VerifiedTable:
             f"{self.name}: {self.kind}, f_r {self.least:.3g} to {self.most:.3g} 1/sr, {self.holes:.1%} not measured, "
             f"reflects at most {float(self.albedo.max()):.1%} (at {angle}°)"
         )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What it is to be warned of."""
+        return tuple(filter(None, (brightness(self.albedo, MUCH_ALBEDO), holes(1 - self.holes))))
 
 
 @dataclass(frozen=True)

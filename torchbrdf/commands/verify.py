@@ -15,13 +15,13 @@ def run(options: argparse.Namespace) -> int:
     """Say which measured tables are sound, what they hold, and what is wrong with the others.
 
     Of a sound one: its kind, the range of f_r, the share of cells that were not measured, and the most it reflects.
-    Warns of those that reflect more than they get, and of two that are one measurement. Where at least half of the
-    materials of MERL are there, says which of them are missing.
+    Warns of those that reflect more than they get, or nothing, or measured few cells, and of two that are one
+    measurement. Where at least half of the materials of MERL are there, says which of them are missing.
     """
     import warnings
     from pathlib import Path
 
-    from torchbrdf.brdf import MERL_MATERIALS, reflects_too_much, verify
+    from torchbrdf.brdf import MERL_MATERIALS, verify
 
     found = verify(options.paths, progress=True)
     if any(Path(path).is_dir() and Path(path) not in found.folders for path in options.paths):
@@ -35,8 +35,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"{len(found.missing)} of the {len(MERL_MATERIALS)} MERL materials are missing", end="")
         print(f": {', '.join(found.missing)}" if found.missing else "")
     for table in found.tables:
-        if (much := reflects_too_much(table.albedo)) is not None:
-            warnings.warn(f"{table.name}: {much}", UserWarning, stacklevel=2)
+        for text in table.remarks:
+            warnings.warn(f"{table.name}: {text}", UserWarning, stacklevel=2)
     for one, two in found.same:
         warnings.warn(f"{one} and {two} are one measurement", UserWarning, stacklevel=2)
     return 2 if found.unsound else 0

@@ -142,9 +142,9 @@ class PosteriorBatch:
         """One of the first batch axis."""
         return PosteriorBatch(self.groups, self.where[i])
 
-    @property
+    @cached_property
     def single(self) -> Posterior:
-        """The only one."""
+        """The only one, whose moments are made once."""
         group, row = self.where.tolist()
         explanation = self.groups[group]
         return Posterior(explanation, explanation.shares[row], row)

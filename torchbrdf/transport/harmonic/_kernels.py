@@ -20,6 +20,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import StoredColumns, norm_settings
 from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors
+from torchbrdf.transport.harmonic._pages import Pages
 from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import HELD_DISTANCE, Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
@@ -93,6 +94,7 @@ class Kernels:
     first_row   splines over elevation first_row, ..., first_row + E - 1
     mixing      (n, R) float32: image of column k = sum_q mixing[k, q] image of mixture q
     bands       by frequency
+    pages       of the file that holds all of it, where it is mapped
     """
 
     order: int
@@ -103,6 +105,7 @@ class Kernels:
     first_row: int
     mixing: Tensor
     bands: tuple[Band, ...]
+    pages: Pages | None = None
 
     def sees(self, elevations: range) -> bool:
         """Whether light from some of these elevations reaches its rings."""
@@ -116,7 +119,15 @@ class Kernels:
 
     def to(self, device: torch.device | str) -> "Kernels":
         """On another device."""
-        return replace(self, mixing=self.mixing.to(device), bands=tuple(band.to(device) for band in self.bands))
+        if self.mixing.device == torch.device(device):
+            return self
+        bands = tuple(band.to(device) for band in self.bands)
+        return replace(self, mixing=self.mixing.to(device), bands=bands, pages=None)
+
+    def release(self) -> None:
+        """What was read of a file leaves the memory of this process."""
+        if self.pages is not None:
+            self.pages.release()
 
 
 def compute_group(

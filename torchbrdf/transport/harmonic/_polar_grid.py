@@ -26,7 +26,8 @@ _SPACING = 2e-3
 _POINTS = (2, 4, 6, 8, 12, 16, 24)
 """Points along a side of a pixel that are used."""
 
-_POINTS_AT_ONCE = 1 << 20
+_POINTS_AT_ONCE = 1 << 18
+"""Inside pixels: 20 MB of the pictures of six tables."""
 
 _POINTS_SEEN = LastFew[Hashable, list[tuple[Tensor, Tensor, Tensor]]](2)
 """Of views, ten MB each."""
@@ -69,13 +70,16 @@ class PolarGrid:
         return packed
 
     def _radiance(self) -> Tensor:
-        """(C, H, A + 1), the first of A azimuths repeated at the end."""
-        frequencies = self._series.shape[2]
+        """(C, H, A + 1), the first of A azimuths repeated at the end; a picture at a time, for the memory."""
+        rows, pictures, frequencies = self._series.shape[:3]
         places = _PLACES * (frequencies - 1)
         between = torch.sinc(torch.arange(frequencies, device=self._series.device) / places).square()
-        waves = torch.view_as_complex(self._series) / between  # what linear interpolation between places costs
-        radiance = torch.fft.irfft(waves, n=places, norm="forward").transpose(0, 1)
-        return torch.cat([radiance, radiance[..., :1]], -1)
+        radiance = self._series.new_empty(pictures, rows, places + 1)
+        for i in range(pictures):
+            waves = torch.view_as_complex(self._series[:, i]) / between  # what interpolation between places costs
+            radiance[i, :, :-1] = torch.fft.irfft(waves, n=places, norm="forward")
+        radiance[..., -1] = radiance[..., 0]
+        return radiance
 
     @lasting
     def _points(self, view: View, shape: torch.Size) -> list[tuple[Tensor, Tensor, Tensor]]:

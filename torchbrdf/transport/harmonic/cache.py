@@ -11,7 +11,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
+from itertools import accumulate, islice
 from pathlib import Path
 
 import torch
@@ -30,6 +30,7 @@ from torchbrdf.transport.harmonic._kernels import (
     kernel_settings,
     perspective_settings,
 )
+from torchbrdf.transport.harmonic._pages import mapped_values
 from torchbrdf.transport.harmonic.grid import settings, zones
 from torchbrdf.transport.harmonic.transport import HarmonicTransport
 
@@ -42,6 +43,9 @@ _MOST_PARTS = 4
 
 _SUMMED = 256
 """Values of a block of the checksum."""
+
+_SUMMED_AT_ONCE = 1024
+"""Blocks: 2 MB as int64."""
 
 _in_memory: LastFew[str, HarmonicTransport] = LastFew(4)
 
@@ -187,8 +191,9 @@ def _read(path: Path) -> tuple[Kernels, ...] | None:
     try:
         with safe_open(path, "pt") as file:
             metadata = file.metadata() or {}
-            values = file.get_tensor("values")
-    except (OSError, SafetensorError):
+            (count,) = file.get_slice("values").get_shape()
+        values, pages = mapped_values(path, count)
+    except (OSError, ValueError, SafetensorError):
         return None
     contents = metadata.get("contents", "")
     if metadata.get("format") != _FORMAT or metadata.get("checksum") != _checksum(values, contents):
@@ -196,19 +201,32 @@ def _read(path: Path) -> tuple[Kernels, ...] | None:
     layout, shapes = json.loads(contents)
     sizes = [int(torch.Size(shape).numel()) for shape in shapes]
     tensors = iter([part.view(shape) for part, shape in zip(values.split(sizes), shapes, strict=True)])
-    return tuple(
-        Kernels(
-            order=entry.get("order", 0), zone=entry["zone"], first_ring=entry["first_ring"], n_rings=entry["n_rings"],
-            places=entry["places"], first_row=entry["first_row"], mixing=next(tensors),
-            bands=tuple(Band(low, *islice(tensors, 4)) for low in entry["bands"]),
-        )
-        for entry in layout
-    )  # fmt: skip
+    groups, ends = [], iter([0, *accumulate(4 * size for size in sizes)])
+    end = next(ends)
+    for entry in layout:
+        start, end = end, next(islice(ends, 4 * len(entry["bands"]), None))
+        groups.append(
+            Kernels(
+                order=entry.get("order", 0), zone=entry["zone"], first_ring=entry["first_ring"],
+                n_rings=entry["n_rings"], places=entry["places"], first_row=entry["first_row"], mixing=next(tensors),
+                bands=tuple(Band(low, *islice(tensors, 4)) for low in entry["bands"]),
+                pages=replace(pages, start=pages.start + start, end=pages.start + end),
+            )
+        )  # fmt: skip
+    return tuple(groups)
 
 
 def _checksum(values: Tensor, contents: str) -> str:
-    """Of the contents' text and of a sum over the bits of every block of values: a hash of all takes too long."""
-    blocks = values.view(torch.int32)
-    ends = len(blocks) // _SUMMED * _SUMMED
-    sums = torch.cat([blocks[:ends].view(-1, _SUMMED).sum(1, dtype=torch.int64), blocks[ends:].long()])
+    """Of the contents' text and of a sum over the bits of every block of values: a hash of all takes too long.
+
+    Some at a time, in one buffer: all of them as int64 would take twice the memory of the file and seven times as long.
+    """
+    bits = values.view(torch.int32)
+    whole = len(bits) // _SUMMED
+    sums = torch.empty(whole, dtype=torch.int64)
+    buffer = torch.empty(min(whole, _SUMMED_AT_ONCE), _SUMMED, dtype=torch.int64)
+    for start in range(0, whole, _SUMMED_AT_ONCE):
+        blocks = bits[start * _SUMMED : min(start + _SUMMED_AT_ONCE, whole) * _SUMMED].view(-1, _SUMMED)
+        torch.sum(buffer[: len(blocks)].copy_(blocks), 1, out=sums[start : start + len(blocks)])
+    sums = torch.cat([sums, bits[whole * _SUMMED :].long()])
     return hashlib.sha256(contents.encode() + sums.numpy().tobytes()).hexdigest()

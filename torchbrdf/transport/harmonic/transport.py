@@ -115,6 +115,7 @@ class HarmonicTransport:
             series = spectrum(group, light[group.zone], contained[group.zone], group.mixes(blend))
             own = torch.diagonal(series.unflatten(-1, (-1, 3)), dim1=3, dim2=5)  # each in its own colour of the light
             interpolated = torch.sinc(torch.arange(len(own), device=own.device) / group.places).square()
+            group.release()
             rings = range(group.first_ring, group.first_ring + group.n_rings)
             grid.add(all_zones[group.zone], rings, own.permute(2, 3, 4, 0, 1).flatten(1, 2) * interpolated[:, None])
         return grid.seen_by(view).unflatten(0, (-1, 3))
@@ -124,10 +125,12 @@ class HarmonicTransport:
     ) -> Iterator[tuple[Kernels, slice, Tensor]]:
         """Every group of rings, the pixels that see it, and its mixtures there or their blends.
 
-        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other; (3 K Q, 1) of own.
+        They are (3 K Q, R) or (3 K Q, C), a pixel's channels one after the other; (3 K Q, 1) of own. Kernels leave
+        memory after the first pass for a view, which often is the only one: to read them again takes a tenth of a pass.
         """
         contained = [frequencies_of(coefficients) for coefficients, _ in light]
         lit = [elevations_of(coefficients) for coefficients, _ in light]
+        once = view.fingerprint not in self._lookups
         for group, seen in zip(self._groups_of(view), self.lookup(view).groups, strict=True):
             if seen is None or not group.sees(lit[group.zone]):
                 continue
@@ -135,6 +138,8 @@ class HarmonicTransport:
             rings = _rings(group, spectrum(group, light[group.zone], contained[group.zone], mixes, own))
             mixtures = embedding_bag(seen.places, rings, seen.offsets, mode="sum", per_sample_weights=seen.weights)
             yield group, seen.pixels, mixtures.view(_channels(light[0][0]) * len(mixtures), -1)
+            if once:
+                group.release()
 
     def _in_place(self, image: Tensor, view: View) -> Tensor:
         """(C, 3 K P), pixels in order of their normals -> (C, 3 K, P) in the view's order."""
