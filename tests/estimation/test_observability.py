@@ -70,7 +70,7 @@ def dense(images: Tensor, variances: Tensor, noise: float) -> list[tuple[Tensor,
     found = []
     for r in space.r:
         signal = r @ prior @ r.mT
-        floor = noise**2 * signal.trace() / (images.shape[-1] / (1 + 15 * images.shape[-1] / 3080))
+        floor = noise**2 * signal.trace() / (images.shape[-1] / (1 + 7 * images.shape[-1] / 3080))
         known = torch.linalg.solve(signal + floor * torch.eye(len(r)), r @ prior)
         freedom = torch.linalg.solve(signal + floor * torch.eye(len(r)), signal).trace()
         found.append((prior, prior - prior @ r.mT @ known, float(freedom)))

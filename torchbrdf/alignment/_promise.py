@@ -14,8 +14,8 @@ below a thousandth (docs/alignment.md)."""
 def priors_of(norms: Tensor, space: UnformedSpace, whole: bool) -> Tensor:
     """Variances (M, n) of all priors without classes, of basis BRDFs of norms (n,); or of the whole library only."""
     if whole:
-        variances = whole_variances(norms)
-        return variances / variances.mean(1, keepdim=True)
+        variances = whole_variances(norms)[None]
+        return variances / variances.mean()
     return prior_variances(torch.zeros(0, len(norms), dtype=torch.bool, device=norms.device), norms, space)
 
 

@@ -19,6 +19,7 @@ from torchbrdf.estimation.posterior import PosteriorBatch
 from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances
 from torchbrdf.estimation.reconstruction import Reconstruction
 from torchbrdf.estimation.settings import CONSTRAINTS, DEFAULT_PENALTY, PAPER_PENALTY, Constraint, Penalty
+from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 from torchbrdf.lasting import lasting
 from torchbrdf.transport import BasisImages
@@ -140,7 +141,8 @@ class BRDFEstimator(nn.Module):
     def bank(self) -> PriorBank:
         """The factored priors of the whole view, made at first use and once a device."""
         if self._bank is None or self._bank.variances.device != self.packed.device:
-            space = ImageSpace.of(self.packed, self.frames.sizes)
+            frames = self.frames
+            space = ImageSpace.of(self.packed, frames.sizes, smooth_errors(frames.masks))
             membership = torch.stack([self.classes.labels == j for j in range(self.classes.n_classes)])
             device = self.packed.device
             variances = prior_variances(membership.to(device), self.classes.norms.to(device), space)

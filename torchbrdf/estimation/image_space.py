@@ -3,6 +3,9 @@
 Residuals are divided by m + 0.3 mean(m), with m the mean basis image: dark pixels count by their relative error, as
 photographs and renderings are wrong by a share of the radiance, and black ones do not count without bound.
 Weights that come from the basis instead of the photograph leave the factorisation to be made once a probe.
+
+Errors that pixels share (`smooth_errors`) are columns beside the basis images: the space spans both, and in its
+coordinates, where they take a small product, residuals are made white again.
 """
 
 from collections.abc import Sequence
@@ -43,30 +46,55 @@ class ImageSpace:
                                difference of squares, would be rounding where a fit is good, and the evidence with it
     r       (3, r, n) float64  the basis images in these coordinates
     photographs  how many lie one behind the other
+    errors  (3, r, k) float64  errors that pixels share, in these coordinates; None for white noise only
     """
 
     scale: Tensor
     u: Tensor
     r: Tensor
     photographs: int = 1
+    errors: Tensor | None = None
 
     @classmethod
-    def of(cls, packed: Tensor, sizes: Sequence[int]) -> "ImageSpace":
+    def of(cls, packed: Tensor, sizes: Sequence[int], errors: Tensor | None = None) -> "ImageSpace":
         """Factor basis images.
 
         packed  (n, 3, P)  of one photograph, or of several one behind the other
         sizes   pixels of each photograph: each has its own mean over the pixels
+        errors  (P, k)  that pixels share, see `smooth_errors`
         """
         mean = packed.detach().mean(0, dtype=torch.float64)
-        return replace(cls.weighted(packed, residual_scale(mean, sizes)), photographs=len(sizes))
+        return replace(cls.weighted(packed, residual_scale(mean, sizes), errors), photographs=len(sizes))
 
     @classmethod
-    def weighted(cls, packed: Tensor, scale: Tensor) -> "ImageSpace":
-        """Factor basis images (n, 3, P) divided by any scale (3, P)."""
-        weighted = _weighted(packed, scale)
+    def weighted(cls, packed: Tensor, scale: Tensor, errors: Tensor | None = None) -> "ImageSpace":
+        """Factor basis images (n, 3, P) divided by any scale (3, P), and errors (P, k)."""
+        weighted, n = _weighted(packed, scale), len(packed)
+        if errors is not None:
+            weighted = torch.cat([weighted, torch.where(scale[:, None] > 0, errors.mT, 0)], 1)
         singular, v = _principal(lower_gram(weighted))
         u = _orthonormal(weighted.mT @ (v * _inverse(singular)[:, None]))
-        return cls(scale, u, (weighted @ u).mT)
+        r = (weighted @ u).mT
+        return cls(scale, u, r[..., :n], errors=None if errors is None else r[..., n:])
+
+    @cached_property
+    @lasting
+    def white(self) -> Tensor:
+        """(3, r, n): `r`, with the covariance of errors made I."""
+        return self.whitened(self.r)
+
+    def whitened(self, columns: Tensor) -> Tensor:
+        """Columns (3, r, m) of coordinates, with the covariance of errors made I: L^-1 of I + E E^T = L L^T."""
+        root = self._root
+        return columns if root is None else torch.linalg.solve_triangular(root, columns, upper=False)
+
+    @cached_property
+    @lasting
+    def _root(self) -> Tensor | None:
+        if self.errors is None:
+            return None
+        eye = torch.eye(self.errors.shape[1], dtype=torch.float64, device=self.errors.device)
+        return torch.linalg.cholesky(eye + self.errors @ self.errors.mT)
 
     @cached_property
     @lasting
@@ -76,8 +104,8 @@ class ImageSpace:
 
     @property
     def energy(self) -> Tensor:
-        """(3, n): |y_i|^2 of every weighted basis image."""
-        return self.r.square().sum(1)
+        """(3, n): |y_i|^2 of every weighted and whitened basis image."""
+        return self.white.square().sum(1)
 
     def masked(self, used: Tensor) -> "ImageSpace":
         """The space of some pixels (P,) bool only, from this one.
@@ -97,7 +125,9 @@ class ImageSpace:
         rank = int(sound.sum(-1).max().clamp_min(1))
         singular, v = torch.where(sound, squared, 0)[:, :rank].clamp_min(0).sqrt(), v[..., :rank]
         u = kept @ (v * _inverse(singular)[:, None])
-        return ImageSpace(self.scale[:, used], u, singular[..., None] * v.mT @ self.r, self.photographs)
+        turned = singular[..., None] * v.mT
+        errors = None if self.errors is None else turned @ self.errors
+        return ImageSpace(self.scale[:, used], u, turned @ self.r, self.photographs, errors)
 
     @cached_property
     @lasting
@@ -155,7 +185,8 @@ class UnformedSpace(ImageSpace):
 
     def __init__(self, scale: Tensor, columns: Tensor, inward: Tensor, r: Tensor) -> None:
         """Of one photograph."""
-        for name, value in (("scale", scale), ("r", r), ("columns", columns), ("inward", inward), ("photographs", 1)):
+        held = {"scale": scale, "r": r, "columns": columns, "inward": inward, "photographs": 1, "errors": None}
+        for name, value in held.items():
             object.__setattr__(self, name, value)
 
     @classmethod

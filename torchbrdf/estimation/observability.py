@@ -8,7 +8,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import GRID, MaterialLibrary, above_horizon, cell_centres
 from torchbrdf.estimation.classes import MaterialClasses
-from torchbrdf.estimation.priors import POWERS, PriorBank
+from torchbrdf.estimation.priors import PriorBank, whole_variances
 
 CANNOT = 0.3
 """Share of the highlight's variance removed below which a light cannot tell gloss from albedo."""
@@ -30,8 +30,7 @@ PHI_D = 90
 _STEP = 5
 """Every fifth cell along theta_h and theta_d is shown."""
 
-_WHOLE = POWERS.index(0.0)
-_EVEN = POWERS.index(0.5)
+_POWERS = (0.0, 0.5)
 """The whole library as it is, and with S = 1 / |b_i|, so that the few BRDFs with high peaks do not decide alone."""
 
 
@@ -84,7 +83,7 @@ def observability(
 ) -> Observability:
     """What the light and view behind a bank of priors can tell.
 
-    With K = R diag(S) R^T / n, the covariance of weighted photographs, eigenvalues e and noise s^2 a coordinate, there
+    With K = R diag(S) R^T / n, the covariance of weighted photographs, whitened, eigenvalues e and noise s^2, there
     are sum e / (e + s^2) degrees of freedom, and a photograph removes the share
     |V^T R S b / sqrt(e + s^2)|^2 / (n b S b^T) of the variance of b w. Pixels' errors are not independent: s^2 counts
     `independent_pixels` only. What is removed may be seen, or known from what is seen because the library's materials
@@ -99,16 +98,20 @@ def observability(
         raise ValueError(f"noise must be above 0, a share of the photograph such as 0.01, got {noise}")
     if library is not None and (library.source, library.names) != (classes.library, classes.names):
         raise ValueError("this library is not the one that the basis images were rendered with")
-    k = classes.n_classes
-    floor = noise**2 / bank.independent_pixels * bank.values.sum(-1, keepdim=True)
-    lit = (floor[k + _WHOLE, :, 0] > 0).to(floor)
+    space, k = bank.space, classes.n_classes
+    norms = classes.norms.to(bank.variances)
+    variances = torch.cat([bank.variances[:k], torch.stack([whole_variances(norms, power) for power in _POWERS])])
+    values, vectors = torch.linalg.eigh((space.white * variances[:, None, None]) @ space.white.mT)
+    values = values.clamp_min(0)
+    floor = noise**2 / bank.independent_pixels * (variances @ space.r.square().sum(1).mT)[..., None]
+    lit = (floor[k, :, 0] > 0).to(floor)
     share = lit / lit.sum().clamp_min(1)
-    spectrum = _positive(bank.values + floor)
-    freedom = ((bank.values / spectrum).sum(-1) * share).sum(-1)
+    spectrum = _positive(values + floor)
+    freedom = ((values / spectrum).sum(-1) * share).sum(-1)
 
-    even = bank.variances[k + _EVEN]
-    directions = even[:, None] * (bank.space.r.mT @ bank.vectors[k + _EVEN])
-    weighted = directions / spectrum[k + _EVEN].sqrt()[:, None]
+    even = variances[k + 1]
+    directions = even[:, None] * (space.white.mT @ vectors[k + 1])
+    weighted = directions / spectrum[k + 1].sqrt()[:, None]
 
     def removed(rows: Tensor) -> Tensor:
         before = (rows.square() @ even).expand(3, -1)
@@ -116,11 +119,11 @@ def observability(
         return (torch.where(before > 0, after / torch.where(before > 0, before, 1), 1) * share[:, None]).sum(0)
 
     size = 1 / even  # |b_i|, up to a factor
-    brightness = (bank.space.r.mT @ bank.space.r.mean(-1, keepdim=True))[..., 0]
+    brightness = (space.r.mT @ space.r.mean(-1, keepdim=True))[..., 0]
     common = (brightness * even * size).sum(-1) / _positive((brightness.square() * even).sum(-1))
     highlight = float(removed((size - common[:, None] * brightness)[:, None])[0])
 
-    mean_image = (bank.space.u.to(even) @ bank.space.r.mean(-1, keepdim=True))[..., 0]
+    mean_image = (space.u.to(even) @ space.r.mean(-1, keepdim=True))[..., 0]
     dark = float(((mean_image < _DARK).to(even).mean(-1) * share).sum())
 
     theta_h, theta_d, phi_d = cell_centres()
@@ -134,7 +137,7 @@ def observability(
     return Observability(
         noise=noise,
         freedom=freedom[:k].cpu(),
-        whole=float(freedom[k + _WHOLE]),
+        whole=float(freedom[k]),
         highlight=highlight,
         dark=dark,
         seen=seen,

@@ -58,7 +58,7 @@ class Moments:
             share = probabilities[m] / weight[likely].sum()
             spectrum = bank.values[m][:, None] + bank.penalties[m, ..., None]
             scale = share / bank.independent_pixels * found.quadratic[row, m] / bank.penalties[m]
-            directions = bank.variances[m][:, None] * (bank.space.r.mT @ bank.vectors[m])
+            directions = bank.variances[m][:, None] * (bank.space.white.mT @ bank.vectors[m])
             diagonal += scale.sum(1, keepdim=True) * bank.variances[m]
             covariance -= (directions * (scale[..., None] / spectrum).sum(1)[:, None]) @ directions.mT
             deviation = directions @ (found.deviation[row, m][:, None] / spectrum).mT

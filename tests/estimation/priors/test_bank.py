@@ -7,9 +7,9 @@ from torch import Tensor
 
 from torchbrdf.estimation.image_space import ImageSpace
 from torchbrdf.estimation.priors.bank import NOISE_FLOOR, PENALTIES, PriorBank
-from torchbrdf.estimation.priors.neighbourhoods import NEIGHBOURHOODS, REACH, farthest_points, image_angles
+from torchbrdf.estimation.priors.neighbourhoods import NEIGHBOURHOODS, REACHES, farthest_points, image_angles
 from torchbrdf.estimation.priors.variances import prior_variances
-from torchbrdf.estimation.priors.whole_library import POWERS
+from torchbrdf.estimation.priors.whole_library import POWER
 
 N, PIXELS = 12, 40
 LABELS = (0, 0, 1, 1, 0, 2, 1, 2, 2, 0, 0, 1)
@@ -24,8 +24,11 @@ def images(pixels: int = PIXELS, seed: int = 0) -> Tensor:
     return 0.2 + common[list(LABELS)] + 0.7 * torch.rand(N, 3, pixels, generator=g)
 
 
-def bank_of(packed: Tensor) -> PriorBank:
-    space = ImageSpace.of(packed, [packed.shape[-1]])
+ERRORS = torch.randn(PIXELS, 2, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+
+
+def bank_of(packed: Tensor, errors: Tensor | None = None) -> PriorBank:
+    space = ImageSpace.of(packed, [packed.shape[-1]], errors)
     return PriorBank.of(space, prior_variances(MEMBERSHIP, NORMS, space))
 
 
@@ -35,9 +38,14 @@ def photographs(count: int = 2, seed: int = 3) -> Tensor:
 
 
 def weighted_system(bank: PriorBank, y: Tensor, s: int) -> tuple[np.ndarray, np.ndarray]:
-    """U R (P, n) of channel s, and a photograph (3, P) over the same scale (P,), in numpy."""
-    design = bank.space.u[s].double() @ bank.space.r[s]
-    return design.numpy(), (y[s] / bank.space.scale[s]).numpy()
+    """U R (P, n) of channel s, and a photograph (3, P) over the same scale (P,), both whitened, in numpy."""
+    design = (bank.space.u[s].double() @ bank.space.r[s]).numpy()
+    target = (y[s] / bank.space.scale[s]).numpy()
+    if bank.space.errors is None:
+        return design, target
+    errors = ERRORS.numpy()
+    root = np.linalg.cholesky(np.eye(PIXELS) + errors @ errors.T)
+    return np.linalg.solve(root, design), np.linalg.solve(root, target)
 
 
 def oracle(bank: PriorBank, y: Tensor, m: int, k: int, s: int) -> tuple[float, np.ndarray, float]:
@@ -61,10 +69,11 @@ def oracle(bank: PriorBank, y: Tensor, m: int, k: int, s: int) -> tuple[float, n
 
 
 class TestExplain:
+    @pytest.mark.parametrize("errors", [None, ERRORS])
     @pytest.mark.parametrize("k", [1, 4, 6, 8])
-    def test_brightness_weights_and_quadratic(self, k: int):
+    def test_brightness_weights_and_quadratic(self, k: int, errors: Tensor | None):
         """Every prior against `numpy.linalg.lstsq` on the augmented system."""
-        bank, y = bank_of(images()), photographs()
+        bank, y = bank_of(images(), errors), photographs()
         found = bank.explain(y)
         for m in range(len(bank.variances)):
             shares = torch.zeros(2, len(bank.variances), len(PENALTIES), dtype=torch.float64)
@@ -81,12 +90,13 @@ class TestExplain:
                     floor = NOISE_FLOOR**2 * energy
                     assert float(found.quadratic[b, m, s, k]) == pytest.approx(quadratic + floor, rel=1e-6)
 
-    def test_evidence_is_the_marginal_likelihood_of_a_gaussian(self):
+    @pytest.mark.parametrize("errors", [None, ERRORS])
+    def test_evidence_is_the_marginal_likelihood_of_a_gaussian(self, errors: Tensor | None):
         """y ~ N(a D mu, sigma^2 (I + D S D^T / lambda)), sigma^2 at its best, `independent_pixels` instead of P.
 
         1/2 log f: the determinant of I + D S D^T / lambda; its quadratic form is the regularised residual.
         """
-        bank, y = bank_of(images()), photographs(1)
+        bank, y = bank_of(images(), errors), photographs(1)
         found = bank.explain(y)
         for m in (0, 1, 3, 5, len(bank.variances) - 1):
             for k in (0, 5, 8):
@@ -97,21 +107,22 @@ class TestExplain:
                     covariance = np.eye(PIXELS) + design * bank.variances[m].numpy() @ design.T / penalty
                     a, _, _ = oracle(bank, y[0], m, k, s)
                     deviation = target - a * design @ bank.means[m].numpy()
-                    quadratic = deviation @ np.linalg.solve(covariance, deviation) + NOISE_FLOOR**2 * target @ target
+                    energy = float((y[0, s] / bank.space.scale[s]).square().sum())
+                    quadratic = deviation @ np.linalg.solve(covariance, deviation) + NOISE_FLOOR**2 * energy
                     expected -= 0.5 * np.linalg.slogdet(covariance)[1] + 0.5 * bank.independent_pixels * log(quadratic)
                 assert float(found.log_evidence[0, m, k]) == pytest.approx(expected, rel=1e-5, abs=1e-4)
 
     @pytest.mark.parametrize(
         ("pixels", "photographs", "expected"),
-        [(3080, 1, 192.5), (10, 1, 10 / (1 + 150 / 3080)), (6160, 2, 385), (6160, 1, 6160 / 31)],
+        [(3080, 1, 385), (10, 1, 10 / (1 + 70 / 3080)), (6160, 2, 770), (6160, 1, 6160 / 15)],
     )
     def test_independent_pixels(self, pixels: int, photographs: int, expected: float):
-        """Sixteen pixels count as one on a sphere of 64 x 64; fewer pixels lie farther apart."""
+        """Eight pixels count as one on a sphere of 64 x 64; fewer pixels lie farther apart."""
         space = ImageSpace.of(torch.rand(4, 3, pixels) + 0.1, [pixels // photographs] * photographs)
         assert PriorBank.of(space, torch.ones(1, 4).double()).independent_pixels == pytest.approx(expected)
 
     @pytest.mark.parametrize(
-        ("pixels", "photographs", "expected"), [(3080, 1, 192.5 / 2), (3080, 2, 192.5 / 2), (1, 1, 1.0)]
+        ("pixels", "photographs", "expected"), [(3080, 1, 385 / 2), (3080, 2, 385 / 2), (1, 1, 1.0)]
     )
     def test_temperature(self, pixels: int, photographs: int, expected: float):
         """A photograph counts as two pixels, two photographs as four, a single pixel as itself."""
@@ -130,7 +141,8 @@ class TestExplain:
             np.testing.assert_allclose(found.of_priors[b].numpy(), tempered.sum(-1) / tempered.sum(), rtol=1e-9)
             within = tempered / tempered.sum(-1, keepdims=True)
             np.testing.assert_allclose(found.of_penalties[b].numpy(), within, rtol=1e-9)
-            classes = np.exp(found.log_evidence[b, :3].numpy()).sum(-1) ** (1 / bank.temperature)
+            of_classes = found.log_evidence[b, :3].numpy()
+            classes = np.exp(of_classes - of_classes.max()).sum(-1) ** (1 / bank.temperature)
             classes /= classes.sum()
             np.testing.assert_allclose(found.of_classes(3)[b].numpy(), classes, rtol=1e-9)
 
@@ -302,19 +314,18 @@ class TestPriors:
         assert torch.allclose(variances.mean(1), torch.ones(len(variances), dtype=torch.float64), rtol=1e-12)
         for j in range(3):
             assert torch.allclose(variances[j], MEMBERSHIP[j].double() * N / MEMBERSHIP[j].sum(), rtol=1e-12)
-        for power, row in zip(POWERS, variances[3:], strict=False):
-            expected = NORMS ** (-2 * power)
-            assert torch.allclose(row, expected / expected.mean(), rtol=1e-12)
-        assert 6 < len(variances) <= 6 + len(POWERS) * NEIGHBOURHOODS
+        expected = NORMS ** (-2 * POWER)
+        assert torch.allclose(variances[3], expected / expected.mean(), rtol=1e-12)
+        assert 4 < len(variances) <= 4 + len(REACHES) * NEIGHBOURHOODS
 
     def test_neighbourhoods_fade_with_the_angle(self):
         space = ImageSpace.of(images(), [PIXELS])
         angles = image_angles(space)
         centres = farthest_points(angles, NEIGHBOURHOODS, 0.02)
-        local = prior_variances(MEMBERSHIP, NORMS, space)[6:].unflatten(0, (len(POWERS), len(centres)))
-        for power, rows in zip(POWERS, local, strict=True):
+        local = prior_variances(MEMBERSHIP, NORMS, space)[4:].unflatten(0, (len(REACHES), len(centres)))
+        for reach, rows in zip(REACHES, local, strict=True):
             for row, centre in zip(rows, centres, strict=True):
-                expected = torch.exp(-((angles[centre] / REACH) ** 2)) * (NORMS / NORMS[centre]) ** (-2 * power)
+                expected = torch.exp(-((angles[centre] / reach) ** 2)) * (NORMS / NORMS[centre]) ** (-2 * POWER)
                 assert torch.allclose(row / row[centre], expected, rtol=1e-9)
 
     def test_norms_of_zero_and_of_any_unit(self):
@@ -331,8 +342,8 @@ class TestPriors:
         assert torch.allclose(bank.means.sum(1), torch.ones(len(bank.means), dtype=torch.float64))
         expected = torch.where(MEMBERSHIP, 1 / MEMBERSHIP.sum(1, keepdim=True), 0).double()
         assert torch.allclose(bank.means[:3], expected, rtol=1e-6)
-        deviation = NORMS**-0.5  # of the prior of power 1/2: S = 1 / |b_i|, and the mean goes with its root
-        assert torch.allclose(bank.means[5], deviation / deviation.sum(), rtol=1e-9)
+        deviation = NORMS**-POWER  # the mean goes with the root of S
+        assert torch.allclose(bank.means[3], deviation / deviation.sum(), rtol=1e-9)
 
     def test_angles_by_hand(self):
         """Of two basis images, channel by channel, the mean of the three."""

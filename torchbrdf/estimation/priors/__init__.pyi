@@ -8,7 +8,4 @@ from .neighbourhoods import (
     image_angles as image_angles,
 )
 from .variances import prior_variances as prior_variances
-from .whole_library import (
-    POWERS as POWERS,
-    whole_variances as whole_variances,
-)
+from .whole_library import whole_variances as whole_variances

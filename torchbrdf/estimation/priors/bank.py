@@ -21,9 +21,9 @@ from torchbrdf.lasting import lasting
 PENALTIES = torch.logspace(-5.5, 1, 9, dtype=torch.float64)
 """lambda of every prior, in units of trace(R S R^T) / n. Smaller ones amplify rounding and win nothing."""
 
-CORRELATION = 16.0
-"""Neighbouring residuals are not independent: this many pixels of a sphere of 64 x 64 say as much as one. Chosen in
-docs/ablation.md."""
+CORRELATION = 8.0
+"""Neighbouring residuals are not independent, beside what `smooth_errors` are: this many pixels of a sphere of 64 x 64
+say as much as one. Chosen in docs/ablation.md."""
 
 _SPHERE = 3080
 """The pixels of that sphere. Fewer pixels lie farther apart, and say more each."""
@@ -75,11 +75,11 @@ class PriorBank:
         n = variances.shape[1]
         means = variances.sqrt()
         means = means / means.sum(1, keepdim=True)
-        values, vectors = torch.linalg.eigh((space.r * variances[:, None, None]) @ space.r.mT)
+        values, vectors = torch.linalg.eigh((space.white * variances[:, None, None]) @ space.white.mT)
         values = values.clamp_min(0)
         trace = values.sum(-1, keepdim=True) / n
         penalties = PENALTIES.to(values.device) * torch.where(trace > 0, trace, 1)
-        mean_images = (vectors.mT @ (space.r @ means.mT).permute(2, 0, 1)[..., None])[..., 0]
+        mean_images = (vectors.mT @ (space.white @ means.mT).permute(2, 0, 1)[..., None])[..., 0]
         damping = penalties[..., None] / (values[..., None, :] + penalties[..., None])
         return cls(space, variances, means, values, vectors, penalties, mean_images, damping, correlation)
 
@@ -107,12 +107,13 @@ class PriorBank:
     def explain(self, y: Tensor) -> "Explanation":
         """How every prior and penalty explains photographs (B, 3, P)."""
         coordinates, energy = self.space.project(y)
-        rotated = coordinates.transpose(0, 1) @ self.vectors  # (M, 3, B, r), the order that products like best
+        outside = (energy - coordinates.square().sum(-1)).clamp_min(0) + NOISE_FLOOR**2 * energy
+        white = self.space.whitened(coordinates.permute(1, 2, 0)).mT
+        rotated = white @ self.vectors  # (M, 3, B, r), the order that products like best
         image = self.mean_images[:, :, None]
         squared = image.square().sum(-1)
         brightness = (rotated * image).sum(-1) / torch.where(squared > 0, squared, 1)
         deviation = rotated - brightness[..., None] * image
-        outside = (energy - coordinates.square().sum(-1)).clamp_min(0) + NOISE_FLOOR**2 * energy
         quadratic = outside.mT[..., None] + deviation.square() @ self.damping.mT
         lit = (energy > 0).mT[..., None]
         misfit = self.independent_pixels * torch.where(lit, quadratic, 1).log()
@@ -171,7 +172,8 @@ class Explanation:
         bank, towards, level = self.bank, *self._filtered(self.of_penalties)
         first = self._weights(towards[:, :count], level[:, :count])
         probability = self.of_priors.mT  # (M, B)
-        deviations = ((towards * probability[..., None]).flatten(1, 2) @ bank.space.r).unflatten(1, towards.shape[1:3])
+        likely = (towards * probability[..., None]).flatten(1, 2)
+        deviations = (likely @ bank.space.white).unflatten(1, towards.shape[1:3])
         deviation = deviations.mul_(bank.variances[:, None]).sum(1)  # in place: this is all of the memory
         return (deviation + (level * probability).mT @ bank.means).transpose(0, 1), first
 
@@ -190,7 +192,7 @@ class Explanation:
     def _weights(self, towards: Tensor, level: Tensor) -> Tensor:
         """(B, M, 3, n) of the first M priors from what `_filtered` gives, by one product with R for all of them."""
         bank, count = self.bank, towards.shape[1]
-        deviations = (towards.flatten(1, 2) @ bank.space.r).unflatten(1, towards.shape[1:3])
+        deviations = (towards.flatten(1, 2) @ bank.space.white).unflatten(1, towards.shape[1:3])
         parts = bank.variances[:count, None] * deviations + level[..., None] * bank.means[:count, None]
         return parts.permute(2, 1, 0, 3)
 
@@ -202,7 +204,7 @@ class Explanation:
         bank = self.bank
         variances = torch.einsum("bml,msl,mn->bsn", shares, 1 / bank.penalties, bank.variances)
         least = _SMALLEST_VARIANCE * variances.mean(-1, keepdim=True)
-        return bank.space.r.mT @ bank.space.r + torch.diag_embed(1 / torch.maximum(variances, least))
+        return bank.space.white.mT @ bank.space.white + torch.diag_embed(1 / torch.maximum(variances, least))
 
     def detach(self) -> "Explanation":
         """The same without gradients."""

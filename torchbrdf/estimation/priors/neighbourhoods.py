@@ -8,8 +8,8 @@ from torchbrdf.estimation.image_space import ImageSpace
 NEIGHBOURHOODS = 10
 """Neighbourhoods at most: those around materials that are farthest from all before."""
 
-REACH = 0.2
-"""Radians between weighted basis images over which a neighbourhood fades."""
+REACHES = (0.2, 0.4)
+"""Radians between weighted basis images over which neighbourhoods fade, each of their centres has one of either."""
 
 _ALIKE = 0.02
 """Radians: a material nearer than this to a centre needs no neighbourhood of its own."""
@@ -18,7 +18,7 @@ _ALIKE = 0.02
 def image_angles(space: ImageSpace) -> Tensor:
     """(n, n) radians between weighted basis images, mean over the channels of the light that are not black."""
     size = space.energy.sqrt()
-    unit = space.r / torch.where(size > 0, size, 1)[:, None]
+    unit = space.white / torch.where(size > 0, size, 1)[:, None]
     lit = (size > 0).any(-1)
     angles = torch.acos((unit.mT @ unit).clamp(-1, 1)) * lit[:, None, None]
     return angles.sum(0) / lit.sum().clamp_min(1)
@@ -36,8 +36,7 @@ def farthest_points(distances: Tensor, count: int, nearest: float) -> list[int]:
 
 
 def neighbourhood_variances(space: ImageSpace, whole: Tensor) -> Tensor:
-    """S (N, n) of neighbourhoods, fading from their centres, with each of the variances (L, n) of the whole library."""
+    """S (N, n) of neighbourhoods, one a reach and centre, from which the variances (n,) of the whole library fade."""
     angles = image_angles(space)
     centres = farthest_points(angles, NEIGHBOURHOODS, _ALIKE)
-    local = torch.exp(-((angles[centres] / REACH) ** 2)) * whole[:, None]
-    return local.flatten(0, 1)
+    return torch.cat([torch.exp(-((angles[centres] / reach) ** 2)) for reach in REACHES]) * whole

@@ -9,11 +9,11 @@ from torchbrdf.estimation.priors.whole_library import whole_variances
 
 
 def prior_variances(membership: Tensor, norms: Tensor, space: ImageSpace) -> Tensor:
-    """S (M, n) of all priors, each of mean 1: the K classes; with every power the whole library, then neighbourhoods.
+    """S (M, n) of all priors, each of mean 1: the K classes, the whole library, then neighbourhoods.
 
     membership  (K, n) bool  the basis BRDFs of every class
     norms       (n,)         |b_i|
     """
     whole = whole_variances(norms)
-    variances = torch.cat([membership.to(whole), whole, neighbourhood_variances(space, whole)])
+    variances = torch.cat([membership.to(whole), whole[None], neighbourhood_variances(space, whole)])
     return variances / variances.mean(1, keepdim=True)
