@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from torchbrdf.command_line import Parser, exit_status
-from torchbrdf.estimation import ImageSpace, Penalty, image_space, residual_scale
+from torchbrdf.estimation import ImageSpace, Penalty, image_space, residual_scale, smooth_errors as shared_errors
 from torchbrdf.estimation.priors import Explanation, PriorBank, bank, neighbourhoods, prior_variances, whole_library
 from torchbrdf.experiments import (
     by_relatives,
@@ -124,17 +124,19 @@ class Variation:
     one_class: bool = False
 
 
+WHITE = {"SIZE": 0.0}
+"""Cross-validation is of pixels whose errors are their own."""
+
 VARIATIONS = (
     Variation("**default**"),
     Variation("fixed: paper (four classes, 0.5)", fixed="paper"),
     *(Variation(f"fixed: one class, {x:g}", fixed=x, one_class=True) for x in (0.05, 0.005, 0.0005)),
-    Variation("lambda by generalised cross-validation, whole library", rule=cross_validated(False)),
-    Variation("lambda by leaving out pixels, whole library", rule=cross_validated(True)),
-    Variation("lambda by evidence, whole library, p = 0", rule=evidence(K, K + 1)),
+    Variation("lambda by generalised cross-validation, whole library", WHITE, cross_validated(False)),
+    Variation("lambda by leaving out pixels, whole library", WHITE, cross_validated(True)),
     Variation("priors: classes only", rule=evidence(0, K)),
-    Variation("priors: whole library only (p = 0, 1/4, 1/2)", rule=evidence(K, K + 3)),
-    Variation("priors: neighbourhoods only", rule=evidence(K + 3)),
-    Variation("priors: without neighbourhoods", rule=evidence(0, K + 3)),
+    Variation("priors: whole library only", rule=evidence(K, K + 1)),
+    Variation("priors: neighbourhoods only", rule=evidence(K + 1)),
+    Variation("priors: without neighbourhoods", rule=evidence(0, K + 1)),
     Variation("the most probable prior and penalty, no average", rule=most_probable),
     Variation("a neighbourhood of the photograph itself, too", own=True),
     Variation("residuals not weighted", {"DARKEST": 1e6}),
@@ -142,14 +144,20 @@ VARIATIONS = (
     *(Variation(f"DARKEST {x:g}", {"DARKEST": x}) for x in (0.1, 1.0)),
     *(Variation(f"TRUSTED {x:g}", {"TRUSTED": x}) for x in (0.5, 1.0, 4.0, 16.0)),
     Variation("evidence as it is (TRUSTED without end)", {"TRUSTED": 1e9}),
-    *(Variation(f"CORRELATION {x:g}", {"CORRELATION": x}) for x in (1.0, 4.0, 8.0, 32.0)),
+    *(Variation(f"CORRELATION {x:g}", {"CORRELATION": x}) for x in (1.0, 4.0, 16.0, 32.0)),
+    Variation("no shared errors", WHITE),
+    *(Variation(f"shared errors: SIZE {x:g}", {"SIZE": x}) for x in (0.05, 0.1, 0.2, 0.4)),
+    *(Variation(f"shared errors: REACH {x:g}", {"REACH": x}) for x in (0.7, 1.5)),
     *(Variation(f"NOISE_FLOOR {x:g}", {"NOISE_FLOOR": x}) for x in (0.0, 0.006, 0.012)),
     *(Variation(f"NEIGHBOURHOODS {x}", {"NEIGHBOURHOODS": x}) for x in (5, 20)),
-    *(Variation(f"REACH {x:g}", {"REACH": x}) for x in (0.1, 0.15, 0.3)),
-    Variation("p = 1/4 only", {"POWERS": (0.25,)}),
+    *(Variation(f"REACHES {x}", {"REACHES": x}) for x in ((0.1,), (0.2,), (0.4,), (0.2, 0.4, 0.8))),
+    *(Variation(f"POWER {x:g}", {"POWER": x}) for x in (0.0, 0.5)),
     Variation("28 penalties from 1e-9", {"PENALTIES": torch.logspace(-9, 1, 28, dtype=torch.float64)}),
     *(Variation(f"CUT {x:g}", {"CUT": x}) for x in (1e-5, 2e-4)),
 )
+
+
+_CONSTANTS = (image_space, shared_errors, bank, neighbourhoods, whole_library)
 
 
 @contextlib.contextmanager
@@ -157,7 +165,7 @@ def changed(constants: Mapping[str, object]) -> Iterator[None]:
     """Other values for constants of the package."""
     with contextlib.ExitStack() as stack:
         for name, value in constants.items():
-            module = next(one for one in (image_space, bank, neighbourhoods, whole_library) if hasattr(one, name))
+            module = next(one for one in _CONSTANTS if hasattr(one, name))
             stack.enter_context(mock.patch.object(module, name, value))
         yield
 
@@ -168,7 +176,7 @@ def fit(variation: Variation, basis: tb.BasisImages, classes: tb.MaterialClasses
         estimator = tb.BRDFEstimator(basis, classes, variation.fixed)
         return estimator(basis.unpack(y)).weights
     with changed(variation.constants):
-        space = ImageSpace.of(basis.packed, [y.shape[-1]])
+        space = ImageSpace.of(basis.packed, [y.shape[-1]], shared_errors.smooth_errors([basis.mask]))
         membership = torch.stack([classes.labels == j for j in range(classes.n_classes)])
         variances = prior_variances(membership, classes.norms, space)
         if variation.photograph:
@@ -189,14 +197,15 @@ def own_bank(space: ImageSpace, variances: Tensor, y: Tensor) -> PriorBank:
     coordinates, energy = space.project(y[None])
     cosine = torch.einsum("sr,srn->sn", coordinates[0], space.r) / (energy[0][:, None] * space.energy).sqrt()
     angles = torch.acos(cosine.clamp(-1, 1)).mean(0)
-    own = torch.exp(-((angles / neighbourhoods.REACH) ** 2)) * variances[K + 1]
+    own = torch.exp(-((angles / neighbourhoods.REACHES[0]) ** 2)) * variances[K]
     return PriorBank.of(space, torch.cat([variances, own[None] / own.mean()]))
 
 
 def fit_own_scale(variation: Variation, basis: tb.BasisImages, variances: Tensor, y: Tensor) -> Tensor:
     """Residuals of one photograph (1, 3, P) divided by itself instead of the mean basis image."""
     scale = residual_scale(y[0].clamp_min(0), [y.shape[-1]])
-    return average(variation, PriorBank.of(ImageSpace.weighted(basis.packed, scale), variances), y)
+    space = ImageSpace.weighted(basis.packed, scale, shared_errors.smooth_errors([basis.mask]))
+    return average(variation, PriorBank.of(space, variances), y)
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ class TestTurnedProbe:
 
         straight, given = (HarmonicBasis(precomputed_library, probe, VIEW).basis_at() for probe in (ROOM, GIVEN))
         assert error(found.basis) < 1.1 * error(straight) + 0.002
-        assert error(given) > 5 * error(straight)
+        assert error(given) > 3 * error(straight)  # what a turned light does to the picture is partly shared by pixels
 
     def test_what_is_left_open(self, found: Alignment) -> None:
         covariance = found.covariance

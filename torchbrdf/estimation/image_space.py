@@ -69,9 +69,7 @@ class ImageSpace:
     @classmethod
     def weighted(cls, packed: Tensor, scale: Tensor, errors: Tensor | None = None) -> "ImageSpace":
         """Factor basis images (n, 3, P) divided by any scale (3, P), and errors (P, k)."""
-        weighted, n = _weighted(packed, scale), len(packed)
-        if errors is not None:
-            weighted = torch.cat([weighted, torch.where(scale[:, None] > 0, errors.mT, 0)], 1)
+        weighted, n = _weighted(packed, scale, errors), len(packed)
         singular, v = _principal(lower_gram(weighted))
         u = _orthonormal(weighted.mT @ (v * _inverse(singular)[:, None]))
         r = (weighted @ u).mT
@@ -176,25 +174,26 @@ class ImageSpace:
 class UnformedSpace(ImageSpace):
     """An `ImageSpace` whose U is formed where it is asked for: one photograph is seen through Y itself.
 
-    columns  (3, n, P) float64: weighted basis images
-    inward   (3, n, r) float64: U = columns^T inward, but for rounding
+    columns  (3, n + k, P) float64: weighted basis images, and errors
+    inward   (3, n + k, r) float64: U = columns^T inward, but for rounding
     """
 
     columns: Tensor
     inward: Tensor
 
-    def __init__(self, scale: Tensor, columns: Tensor, inward: Tensor, r: Tensor) -> None:
+    def __init__(self, scale: Tensor, columns: Tensor, inward: Tensor, r: Tensor, errors: Tensor | None) -> None:
         """Of one photograph."""
-        held = {"scale": scale, "r": r, "columns": columns, "inward": inward, "photographs": 1, "errors": None}
+        held = {"scale": scale, "r": r, "columns": columns, "inward": inward, "photographs": 1, "errors": errors}
         for name, value in held.items():
             object.__setattr__(self, name, value)
 
     @classmethod
-    def weighted(cls, packed: Tensor, scale: Tensor) -> "UnformedSpace":
-        """Basis images (n, 3, P) divided by any scale (3, P)."""
-        columns = _weighted(packed, scale)
+    def weighted(cls, packed: Tensor, scale: Tensor, errors: Tensor | None = None) -> "UnformedSpace":
+        """Basis images (n, 3, P) divided by any scale (3, P), and errors (P, k)."""
+        columns, n = _weighted(packed, scale, errors), len(packed)
         singular, v = _principal(lower_gram(columns))
-        return cls(scale, columns, v * _inverse(singular)[:, None], singular[..., None] * v.mT)
+        r = singular[..., None] * v.mT
+        return cls(scale, columns, v * _inverse(singular)[:, None], r[..., :n], None if errors is None else r[..., n:])
 
     @cached_property
     def u(self) -> Tensor:
@@ -203,7 +202,8 @@ class UnformedSpace(ImageSpace):
 
     def first(self, count: int) -> "UnformedSpace":
         """The directions in which basis images are largest only."""
-        return UnformedSpace(self.scale, self.columns, self.inward[..., :count], self.r[:, :count])
+        errors = None if self.errors is None else self.errors[:, :count]
+        return UnformedSpace(self.scale, self.columns, self.inward[..., :count], self.r[:, :count], errors)
 
     def render(self, weights: Tensor, dtype: torch.dtype) -> Tensor:
         """Y w, less what was cut: weights (B, 3, n) -> (B, 3, P)."""
@@ -223,11 +223,14 @@ def _principal(gram: Tensor) -> tuple[Tensor, Tensor]:
     return torch.where(squared > _ROUNDING * squared[:, :1], squared, 0).clamp_min(0).sqrt(), v
 
 
-def _weighted(packed: Tensor, scale: Tensor) -> Tensor:
-    """(3, n, P) float64: mixed precisions in one product are ten times slower."""
+def _weighted(packed: Tensor, scale: Tensor, errors: Tensor | None) -> Tensor:
+    """(3, n + k, P) float64, and errors (P, k): mixed precisions in one product are ten times slower."""
     n, channels, pixels = packed.shape
-    weighted = scale.new_empty(channels, n, pixels).copy_(packed.detach().transpose(0, 1))
-    weighted *= _inverse(scale)[:, None]
+    weighted = scale.new_empty(channels, n + (0 if errors is None else errors.shape[1]), pixels)
+    weighted[:, :n] = packed.detach().transpose(0, 1)
+    weighted[:, :n] *= _inverse(scale)[:, None]
+    if errors is not None:
+        weighted[:, n:] = torch.where(scale[:, None] > 0, errors.mT, 0)
     return weighted
 
 
