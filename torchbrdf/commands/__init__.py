@@ -12,7 +12,7 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 _FIRST = (
-    "demo", "merge", "probe", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export",
+    "demo", "merge", "probe", "observe", "fit", "live", "compare", "analytic", "render", "bake", "precompute", "export",
     "convert", "verify", "classes",
 )  # fmt: skip
 """In the order in which a user meets them; the others follow by name."""

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import torch
@@ -18,6 +18,7 @@ from torchbrdf.estimation.observability import Observability, observability
 from torchbrdf.estimation.posterior import PosteriorBatch
 from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances
 from torchbrdf.estimation.reconstruction import Reconstruction
+from torchbrdf.estimation.rehearsal import Rehearsal, rehearse
 from torchbrdf.estimation.settings import CONSTRAINTS, DEFAULT_PENALTY, PAPER_PENALTY, Constraint, Penalty
 from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
@@ -149,9 +150,23 @@ class BRDFEstimator(nn.Module):
             self._bank, self._masked_bank = PriorBank.of(space, variances), None
         return self._bank
 
-    def observability(self, library: MaterialLibrary | None = None) -> Observability:
-        """What the light and the view can tell about a material, before any photograph; with a library also by cell."""
-        return observability(self.bank, self.classes, library)
+    def rehearse(self, novel: Sequence[BasisImages]) -> Rehearsal:
+        """How far off photographs of the library's own materials would be under other light, see `rehearsal`.
+
+        novel   basis images of the same library under other light
+        """
+        return rehearse(self.packed.cpu(), Frames(tuple(mask.cpu() for mask in self.frames.masks)), novel, self.classes)
+
+    def observability(
+        self, library: MaterialLibrary | None = None, novel: Sequence[BasisImages] = ()
+    ) -> Observability:
+        """What the light and the view can tell about a material, before any photograph.
+
+        library  the one of the basis images, to tell it by cell of the BRDF, too
+        novel    basis images under other light, to predict the error there
+        """
+        told = observability(self.bank, self.classes, library)
+        return replace(told, rehearsal=self.rehearse(novel)) if novel else told
 
     def forward(
         self, image: Tensor | Sequence[Tensor], mask: Tensor | Sequence[Tensor | None] | None = None

@@ -9,6 +9,7 @@ from torch import Tensor
 from torchbrdf.brdf import GRID, MaterialLibrary, above_horizon, cell_centres
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.priors import PriorBank, whole_variances
+from torchbrdf.estimation.rehearsal import Rehearsal
 
 CANNOT = 0.3
 """Share of the highlight's variance removed below which a light cannot tell gloss from albedo."""
@@ -17,9 +18,16 @@ HARDLY = 0.5
 """And below which it hardly can. Uniform light removes 0.1, a vertical gradient 0.25, measured probes 0.5 to 0.75; the
 error under other light at what lies between: docs/uncertainty.md."""
 
+GRAZING = 0.78
+"""Mean share of what is open about grazing reflection below which the verdict says that it will be a guess. Lights from
+all sides have 0.8 to 0.9, one window behind the camera 0.77, one lamp beside it 0.65."""
+
 SHADOWED = 0.25
 """Share of the pixels without light above which the verdict says so: one slice of the BRDF is no whole, whatever the
 library makes of it. Measured probes leave none dark, one lamp behind the object 0.7."""
+
+_MIRRORED, _GRAZES = 15, 60
+"""theta_h below which, and theta_d from which on, in degrees, reflection counts as mirror-like at grazing angles."""
 
 _DARK = 0.05
 """Of a pixel's weighted mean basis image, which is 0.77 at the mean radiance and below 1."""
@@ -50,6 +58,7 @@ class Observability:
     seen       (18, 18)  the share removed for single cells of the BRDF at phi_d = 90 degrees, rows theta_h, columns
                theta_d; NaN below the horizon; None without a library
     theta_h, theta_d  (18,)  degrees of these
+    rehearsal  errors of the library's own materials under other light; None where none was given
     """
 
     noise: float
@@ -60,10 +69,31 @@ class Observability:
     seen: Tensor | None
     theta_h: Tensor
     theta_d: Tensor
+    rehearsal: Rehearsal | None = None
+
+    @property
+    def predicted_error(self) -> float | None:
+        """Relative RMS error to expect of pictures under other light, mean over materials; None without a rehearsal."""
+        return None if self.rehearsal is None else self.rehearsal.error
+
+    @property
+    def grazing(self) -> float | None:
+        """0 ... 1: share removed of what is open about mirror-like reflection at grazing angles; None without cells."""
+        if self.seen is None:
+            return None
+        cells = self.seen[self.theta_h < _MIRRORED][:, self.theta_d >= _GRAZES]
+        return float(cells.nanmean())
 
     @property
     def verdict(self) -> str:
         """One line."""
+        if self.rehearsal is None:
+            return self._told
+        kinds = ", ".join(f"{kind} {100 * error:.0f}" for kind, error in self.rehearsal.by_kind.items())
+        return f"{self._told}; expect an error of {100 * self.rehearsal.error:.0f} % under other light ({kinds})"
+
+    @property
+    def _told(self) -> str:
         if self.whole == 0:
             return "no light on the object: tells nothing"
         numbers = f"about {self.whole:.0f} numbers a channel stand out of {self.noise:.1%} noise"
@@ -72,6 +102,8 @@ class Observability:
         share = f"removes {self.highlight:.0%} of what is open about the highlight"
         if self.highlight < CANNOT:
             return f"cannot tell gloss from albedo: {share}; {numbers}; use light with edges or small bright lamps"
+        if self.grazing is not None and self.grazing < GRAZING:
+            share = f"no light from behind the object: grazing reflection will be a guess; {share}"
         if self.highlight < HARDLY:
             return f"hardly tells gloss from albedo: {share}; {numbers}; brighter lamps on more sides would help"
         but = " where light falls" if self.dark > SHADOWED else ""

@@ -2,8 +2,13 @@ from ._picture import checked_reflectance as checked_reflectance
 from .lamps import Lamps as Lamps
 from .latlong import (
     area_mean as area_mean,
+    directions_at as directions_at,
     row_solid_angles as row_solid_angles,
     texel_coordinates as texel_coordinates,
+)
+from .other_lights import (
+    other_lights as other_lights,
+    turned as turned,
 )
 from .probe import LightProbe as LightProbe
 from .rotations import (

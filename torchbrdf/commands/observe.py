@@ -1,0 +1,66 @@
+"""`torchbrdf observe`: what a light and a view will tell, before the photograph."""
+
+import argparse
+from pathlib import Path
+
+from torchbrdf.commands._options import add_library, add_light, add_shape, add_size
+
+_SIZE = 64
+_SHOWN = 5
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Which light and view, and what could be added."""
+    add_light(parser)
+    add_shape(parser)
+    add_size(parser, _SIZE, "pixels along a side of the photograph's object; default: %(default)s")
+    add_library(parser)
+    text = "also say by which second photograph or lamp the error would fall most"
+    parser.add_argument("--suggest", action="store_true", help=text)
+    text = "with --suggest: other light probes to choose the second photograph's from, read as --probe is"
+    parser.add_argument("--probes", nargs="+", default=[], type=Path, metavar="FILE", help=text)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of lines")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Say what photographs under a light will tell of a material, and how far off it will be under other light.
+
+    The library's own materials are photographed under the light by its basis images, recovered each from the others,
+    and shown under other light: the probe from three other sides, and the embedded one. With --suggest, so are they
+    with a second photograph, the camera gone round the ball or under another probe, or with a lamp added.
+    """
+    import json
+
+    from torchbrdf.commands._inputs import open_library, open_probe, open_view
+    from torchbrdf.commands._suggestions import suggestions
+    from torchbrdf.estimation import BRDFEstimator, MaterialClasses
+    from torchbrdf.light import other_lights
+    from torchbrdf.rendering import render_basis
+
+    if options.probes and not options.suggest:
+        raise ValueError("--probes names lights to choose from: give --suggest, too")
+    probe = open_probe(options)
+    view, library = open_view(options, options.size), open_library(options)
+    classes = MaterialClasses.fit(library)
+    basis = render_basis(library, probe, view, progress=True)
+    novel = [render_basis(library, light, view, progress=True) for light in other_lights(probe)]
+    found = BRDFEstimator(basis, classes).observability(library, novel)
+    assert found.rehearsal is not None
+    told = [] if not options.suggest else suggestions(options, library, classes, view, probe, basis, novel)
+    if options.json:
+        values = {
+            "predicted_error": found.predicted_error,
+            "predicted_error_by_kind": found.rehearsal.by_kind,
+            "verdict": found.verdict,
+            "highlight": found.highlight,
+            "grazing": found.grazing,
+            "dark": found.dark,
+            "freedom": found.whole,
+        }
+        listed = [{"what": one.what, "predicted_error": one.error, "before": one.before} for one in told]
+        print(json.dumps(values | ({"suggestions": listed} if options.suggest else {}), indent=2))
+        return 0
+    print(found.verdict)
+    for one in told[:_SHOWN]:
+        print(f"  {one}")
+    return 0
