@@ -12,7 +12,6 @@ from .observability import (
 )
 from .posterior import Posterior as Posterior
 from .reconstruction import Reconstruction as Reconstruction
-from .rehearsal import Rehearsal as Rehearsal
 from .settings import (
     CONSTRAINTS as CONSTRAINTS,
     DEFAULT_PENALTY as DEFAULT_PENALTY,

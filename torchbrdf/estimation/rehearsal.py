@@ -79,7 +79,8 @@ def rehearse(packed: Tensor, frames: Frames, novel: Sequence[BasisImages], class
         kept[rows] = False
         columns = kept.repeat_interleave(3)
         some = replace(space, r=space.r[..., columns])
-        variances = prior_variances(membership[:, columns], classes.norms[columns], some)
+        members = membership[:, columns]
+        variances = prior_variances(members[members.any(1)], classes.norms[columns], some)
         found = PriorBank.of(some, variances).explain(y[rows]).mean
         weights[rows[:, None, None], torch.arange(3)[:, None], torch.nonzero(columns).ravel()] = found.float()
     return Rehearsal(torch.stack([_errors(one.packed, weights) for one in novel], 1), _kinds(classes.norms))

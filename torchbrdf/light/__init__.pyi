@@ -6,11 +6,11 @@ from .latlong import (
     row_solid_angles as row_solid_angles,
     texel_coordinates as texel_coordinates,
 )
-from .other_lights import (
+from .probe import LightProbe as LightProbe
+from .relighting import (
     other_lights as other_lights,
     turned as turned,
 )
-from .probe import LightProbe as LightProbe
 from .rotations import (
     checked_rotation as checked_rotation,
     rotation_of as rotation_of,
