@@ -77,7 +77,8 @@ def suggestions(
                 yield what, [basis, rendered(turned(probe, -angle))], novel
         for path, light in others.items():
             left = [images for other, images in others.items() if other != path]
-            yield f"second photograph, under {path}", [basis, light], left if len(left) >= _ENOUGH else novel
+            judges = ", judged by the other probes" if len(left) >= _ENOUGH else ""
+            yield f"second photograph, under {path}{judges}", [basis, light], left if judges else novel
         for where, direction in _LAMPS.items():
             lit = rendered(_lamp(direction, probe))
             yield f"a lamp {where}, as bright as all light", [replace(basis, packed=basis.packed + lit.packed)], novel
