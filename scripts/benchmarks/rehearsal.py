@@ -20,11 +20,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import torch
-from calibration import rank_correlation
 from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from calibration import rank_correlation
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import Experiment, default_probes, markdown_table, open_probes, percent, read_targets
 from torchbrdf.light import other_lights
@@ -62,8 +62,8 @@ def of_lights(experiment: Experiment, classes: tb.MaterialClasses, errors: dict[
     actual = torch.stack([errors[name,].mean() for name in experiment.probes])
     share = statistics.mean(float(row[-1].removesuffix(" %")) for row in rows)
     head = ["light", "predicted", "dull, glossy, mirror-like", "measured materials", f"within {FACTOR:g} x"]
-    said = f"{share:.0f} % of all pairs of material and light are within {FACTOR:g} x of what was predicted; lights are "
-    said += f"ranked with a correlation of {rank_correlation(torch.tensor(predicted), actual):.2f}."
+    said = f"{share:.0f} % of all pairs of material and light are within {FACTOR:g} x of what was predicted; "
+    said += f"lights are ranked with a correlation of {rank_correlation(torch.tensor(predicted), actual):.2f}."
     return f"{markdown_table(head, rows)}\n\n{said}"
 
 
