@@ -229,22 +229,24 @@ class Photographs:
             self.fitted[key] = tb.MaterialClasses.fit(library, n_classes)
         return self.fitted[key]
 
-    def errors(self, variation: Variation, level: float) -> list[float]:
-        """Novel-light errors of all cases."""
-        found = []
+    def errors(self, variation: Variation, levels: Sequence[float]) -> list[list[float]]:
+        """Novel-light errors of all cases, at each level of noise: one factorisation serves them all."""
+        found: list[list[float]] = [[] for _ in levels]
         for dropped, materials in by_relatives(self.materials, self.library.names).items():
             rows = [self.materials.index(material) for material in materials]
             classes = self.classes(self.library.without(*dropped), 1 if variation.one_class else K)
             for probe, basis in self.bases.items():
-                y = torch.cat(
-                    [noisy_observations(self.images[probe][i], [level], f"{self.materials[i]} {probe}") for i in rows]
+                y = torch.stack(
+                    [noisy_observations(self.images[probe][i], levels, f"{self.materials[i]} {probe}") for i in rows], 1
                 )
-                weights = fit(variation, basis.without(*dropped), classes, y)
+                weights = fit(variation, basis.without(*dropped), classes, y.flatten(0, 1))
+                weights = weights.double().unflatten(0, y.shape[:2])
                 for novel, other in self.bases.items():
                     if novel == probe:
                         continue
-                    rendered = torch.einsum("bnc,ncp->bcp", weights.double(), other.without(*dropped).packed.double())
-                    found += [relative_rms(a, self.images[novel][i]) for a, i in zip(rendered, rows, strict=True)]
+                    rendered = torch.einsum("kbnc,ncp->kbcp", weights, other.without(*dropped).packed.double())
+                    for errors, images in zip(found, rendered, strict=True):
+                        errors += [relative_rms(a, self.images[novel][i]) for a, i in zip(images, rows, strict=True)]
         return found
 
 
@@ -277,19 +279,22 @@ def reported_set(library: tb.MaterialLibrary, folder: Path) -> Photographs:
     return Photographs(library, names, bases, images)
 
 
-def table(sets: Mapping[str, Photographs], variations: Sequence[Variation], level: float) -> str:
-    """A row a variation."""
+def tables(sets: Mapping[str, Photographs], variations: Sequence[Variation], levels: Sequence[float]) -> str:
+    """A table a level of noise, with a row a variation."""
     head = ["variation"]
     for name in sets:
         head += [f"{name}: mean", "90 %", "worst"]
-    rows = []
-    for variation in tqdm(variations, desc=f"{level:g} % noise", leave=False):
-        row = [variation.name]
-        for photographs in sets.values():
-            errors = sorted(100 * error for error in photographs.errors(variation, level))
-            row += [f"{statistics.mean(errors):.2f}", f"{errors[int(0.9 * len(errors))]:.1f}", f"{errors[-1]:.1f}"]
-        rows.append(row)
-    return markdown_table(head, rows)
+    rows: list[list[list[str]]] = [[] for _ in levels]
+    for variation in tqdm(variations, leave=False):
+        found = [photographs.errors(variation, levels) for photographs in sets.values()]
+        for level, of_sets in zip(rows, zip(*found, strict=True), strict=True):
+            row = [variation.name]
+            for errors in of_sets:
+                some = sorted(100 * error for error in errors)
+                row += [f"{statistics.mean(some):.2f}", f"{some[int(0.9 * len(some))]:.1f}", f"{some[-1]:.1f}"]
+            level.append(row)
+    parts = zip(levels, rows, strict=True)
+    return "\n\n".join(f"{level:g} % pixel noise:\n\n{markdown_table(head, some)}" for level, some in parts)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -308,7 +313,7 @@ def run(options: argparse.Namespace) -> None:
         "reported": reported_set(measured, options.targets),
     }
     variations = [v for v in VARIATIONS if not options.only or any(text in v.name for text in options.only)]
-    body = "\n\n".join(f"{level:g} % pixel noise:\n\n{table(sets, variations, level)}" for level in options.noise)
+    body = tables(sets, variations, options.noise)
     print(body)
     if options.document is not None:
         replace_results(options.document, body)

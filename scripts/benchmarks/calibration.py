@@ -220,10 +220,12 @@ def measured(experiment: Experiment, levels: Sequence[float]) -> list[Case]:
         estimator = tb.BRDFEstimator(experiment.bases[probe], classes)
         for level, photographs in zip(levels, experiment.observations(probe, levels), strict=True):
             results = estimator(photographs)
-            for (i, material), novel in itertools.product(enumerate(experiment.materials), experiment.probes):
-                if novel != probe:
-                    truth = experiment.view.pack(experiment.targets[novel][material].photograph)
-                    cases.append(compare(results[i], experiment.bases[novel], truth, material, probe, novel, level))
+            for i, material in enumerate(experiment.materials):
+                result = results[i]
+                for novel in experiment.probes:
+                    if novel != probe:
+                        truth = experiment.view.pack(experiment.targets[novel][material].photograph)
+                        cases.append(compare(result, experiment.bases[novel], truth, material, probe, novel, level))
     return cases
 
 
@@ -268,11 +270,12 @@ def left_out(
             evidence = torch.logsumexp(posteriors.groups[0].log_evidence[:, : classes.n_classes], -1)
             plain, named = torch.softmax(evidence, -1), results.class_probabilities
             for k, level in enumerate(levels):
+                result = results[k]
                 right = int(named[k].argmax()) == label
                 namings.append(Naming(float(named[k].max()), float(plain[k].max()), right))
                 for novel in bases:
                     if novel != probe:
-                        cases.append(compare(results[k], less[novel], truth[novel], material, probe, novel, level))
+                        cases.append(compare(result, less[novel], truth[novel], material, probe, novel, level))
     return cases, namings
 
 
