@@ -183,7 +183,7 @@ def fit(variation: Variation, basis: tb.BasisImages, classes: tb.MaterialClasses
             return torch.cat([fit_own_scale(variation, basis, variances, one[None]) for one in y])
         if variation.own:
             return torch.cat([average(variation, own_bank(space, variances, one), one[None]) for one in y])
-        return average(variation, PriorBank.of(space, variances), y)
+        return average(variation, PriorBank.of(space, variances, bank.CORRELATION), y)
 
 
 def average(variation: Variation, bank: PriorBank, y: Tensor) -> Tensor:
@@ -198,14 +198,14 @@ def own_bank(space: ImageSpace, variances: Tensor, y: Tensor) -> PriorBank:
     cosine = torch.einsum("sr,srn->sn", coordinates[0], space.r) / (energy[0][:, None] * space.energy).sqrt()
     angles = torch.acos(cosine.clamp(-1, 1)).mean(0)
     own = torch.exp(-((angles / neighbourhoods.REACHES[0]) ** 2)) * variances[K]
-    return PriorBank.of(space, torch.cat([variances, own[None] / own.mean()]))
+    return PriorBank.of(space, torch.cat([variances, own[None] / own.mean()]), bank.CORRELATION)
 
 
 def fit_own_scale(variation: Variation, basis: tb.BasisImages, variances: Tensor, y: Tensor) -> Tensor:
     """Residuals of one photograph (1, 3, P) divided by itself instead of the mean basis image."""
     scale = residual_scale(y[0].clamp_min(0), [y.shape[-1]])
     space = ImageSpace.weighted(basis.packed, scale, shared_errors.smooth_errors([basis.mask]))
-    return average(variation, PriorBank.of(space, variances), y)
+    return average(variation, PriorBank.of(space, variances, bank.CORRELATION), y)
 
 
 @dataclass(frozen=True)
