@@ -10,7 +10,8 @@ tuning    every tenth material of `--library`, left out of it, under `--tuning-p
 crossed   the same materials, left out of the *embedded* library, whose BRDFs are an encoding: here, too
 reported  measured materials of `--targets` that no library holds, under all their probes: nothing was chosen here
 
-Tuning images have other random numbers and four times the samples of the basis images. One line changes one thing.
+Basis images are of the precomputed transport, whatever the cache holds; tuning images are sampled, four times as many
+a pixel as by default. One line changes one thing.
 """
 
 import argparse
@@ -258,7 +259,7 @@ def tuning_set(
 ) -> Photographs:
     """Materials of `truth`, rendered with their own samples, to be recovered from a library without them."""
     view = tb.SphereView(64)
-    bases = {name: tb.render_basis(library, probe, view) for name, probe in probes.items()}
+    bases = {name: tb.render_basis(library, probe, view, "harmonic") for name, probe in probes.items()}
     some = truth.subset(materials)
     images = {}
     for k, (name, probe) in enumerate(probes.items()):
@@ -274,7 +275,7 @@ def reported_set(library: tb.MaterialLibrary, folder: Path) -> Photographs:
     view, bases, images = tb.SphereView(targets[0].size), {}, {}
     for name, probe in open_probes(default_probes()).items():
         mine = {target.material: target for target in targets if target.probe_fingerprint == probe.fingerprint}
-        bases[name] = tb.render_basis(library, probe, view)
+        bases[name] = tb.render_basis(library, probe, view, "harmonic")
         images[name] = torch.stack([view.pack(mine[material].photograph) for material in names]).double()
     return Photographs(library, names, bases, images)
 

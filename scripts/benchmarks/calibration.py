@@ -13,9 +13,9 @@ with its standard deviations inflated, and intervals that are the same share of 
 the best for these very cases. CRPS is the mean absolute error of a whole distribution: smaller is better, and width
 without need costs.
 
-With --leave-out the targets are materials of the library, rendered with other random numbers than the basis, and left
-out of it together with their family and so many materials most like them. There it is also counted how often the class
-of a material is the one named.
+With --leave-out the targets are materials of the library, sampled where basis images are of the precomputed transport,
+and left out of it together with their family and so many materials most like them. There it is also counted how often
+the class of a material is the one named.
 """
 
 import argparse
@@ -327,7 +327,7 @@ def run(options: argparse.Namespace) -> None:
     again: Bases = {}
     for name, light in tqdm(probes.items() if options.leave_out else (), desc="basis", leave=False):
         view = tb.SphereView(options.size)
-        bases[name] = tb.render_basis(library, light, view)
+        bases[name] = tb.render_basis(library, light, view, "harmonic")
         again[name] = tb.render_basis(library, light, view, samples=4 * DEFAULT_SAMPLES, seed=77)
     for others in options.leave_out or ():
         cases, namings = left_out(library, bases, again, options, others)
