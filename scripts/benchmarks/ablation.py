@@ -10,7 +10,8 @@ tuning    every tenth material of `--library`, left out of it, under `--tuning-p
 crossed   the same materials, left out of the *embedded* library, whose BRDFs are an encoding: here, too
 reported  measured materials of `--targets` that no library holds, under all their probes: nothing was chosen here
 
-Tuning images have other random numbers and four times the samples of the basis images. One line changes one thing.
+Basis images are of the precomputed transport, whatever the cache holds; tuning images are sampled, four times as many
+a pixel as by default. One line changes one thing.
 """
 
 import argparse
@@ -183,7 +184,7 @@ def fit(variation: Variation, basis: tb.BasisImages, classes: tb.MaterialClasses
             return torch.cat([fit_own_scale(variation, basis, variances, one[None]) for one in y])
         if variation.own:
             return torch.cat([average(variation, own_bank(space, variances, one), one[None]) for one in y])
-        return average(variation, PriorBank.of(space, variances), y)
+        return average(variation, PriorBank.of(space, variances, bank.CORRELATION), y)
 
 
 def average(variation: Variation, bank: PriorBank, y: Tensor) -> Tensor:
@@ -198,14 +199,14 @@ def own_bank(space: ImageSpace, variances: Tensor, y: Tensor) -> PriorBank:
     cosine = torch.einsum("sr,srn->sn", coordinates[0], space.r) / (energy[0][:, None] * space.energy).sqrt()
     angles = torch.acos(cosine.clamp(-1, 1)).mean(0)
     own = torch.exp(-((angles / neighbourhoods.REACHES[0]) ** 2)) * variances[K]
-    return PriorBank.of(space, torch.cat([variances, own[None] / own.mean()]))
+    return PriorBank.of(space, torch.cat([variances, own[None] / own.mean()]), bank.CORRELATION)
 
 
 def fit_own_scale(variation: Variation, basis: tb.BasisImages, variances: Tensor, y: Tensor) -> Tensor:
     """Residuals of one photograph (1, 3, P) divided by itself instead of the mean basis image."""
     scale = residual_scale(y[0].clamp_min(0), [y.shape[-1]])
     space = ImageSpace.weighted(basis.packed, scale, shared_errors.smooth_errors([basis.mask]))
-    return average(variation, PriorBank.of(space, variances), y)
+    return average(variation, PriorBank.of(space, variances, bank.CORRELATION), y)
 
 
 @dataclass(frozen=True)
@@ -229,22 +230,24 @@ class Photographs:
             self.fitted[key] = tb.MaterialClasses.fit(library, n_classes)
         return self.fitted[key]
 
-    def errors(self, variation: Variation, level: float) -> list[float]:
-        """Novel-light errors of all cases."""
-        found = []
+    def errors(self, variation: Variation, levels: Sequence[float]) -> list[list[float]]:
+        """Novel-light errors of all cases, at each level of noise: one factorisation serves them all."""
+        found: list[list[float]] = [[] for _ in levels]
         for dropped, materials in by_relatives(self.materials, self.library.names).items():
             rows = [self.materials.index(material) for material in materials]
             classes = self.classes(self.library.without(*dropped), 1 if variation.one_class else K)
             for probe, basis in self.bases.items():
-                y = torch.cat(
-                    [noisy_observations(self.images[probe][i], [level], f"{self.materials[i]} {probe}") for i in rows]
+                y = torch.stack(
+                    [noisy_observations(self.images[probe][i], levels, f"{self.materials[i]} {probe}") for i in rows], 1
                 )
-                weights = fit(variation, basis.without(*dropped), classes, y)
+                weights = fit(variation, basis.without(*dropped), classes, y.flatten(0, 1))
+                weights = weights.double().unflatten(0, y.shape[:2])
                 for novel, other in self.bases.items():
                     if novel == probe:
                         continue
-                    rendered = torch.einsum("bnc,ncp->bcp", weights.double(), other.without(*dropped).packed.double())
-                    found += [relative_rms(a, self.images[novel][i]) for a, i in zip(rendered, rows, strict=True)]
+                    rendered = torch.einsum("kbnc,ncp->kbcp", weights, other.without(*dropped).packed.double())
+                    for errors, images in zip(found, rendered, strict=True):
+                        errors += [relative_rms(a, self.images[novel][i]) for a, i in zip(images, rows, strict=True)]
         return found
 
 
@@ -256,7 +259,7 @@ def tuning_set(
 ) -> Photographs:
     """Materials of `truth`, rendered with their own samples, to be recovered from a library without them."""
     view = tb.SphereView(64)
-    bases = {name: tb.render_basis(library, probe, view) for name, probe in probes.items()}
+    bases = {name: tb.render_basis(library, probe, view, "harmonic") for name, probe in probes.items()}
     some = truth.subset(materials)
     images = {}
     for k, (name, probe) in enumerate(probes.items()):
@@ -272,24 +275,27 @@ def reported_set(library: tb.MaterialLibrary, folder: Path) -> Photographs:
     view, bases, images = tb.SphereView(targets[0].size), {}, {}
     for name, probe in open_probes(default_probes()).items():
         mine = {target.material: target for target in targets if target.probe_fingerprint == probe.fingerprint}
-        bases[name] = tb.render_basis(library, probe, view)
+        bases[name] = tb.render_basis(library, probe, view, "harmonic")
         images[name] = torch.stack([view.pack(mine[material].photograph) for material in names]).double()
     return Photographs(library, names, bases, images)
 
 
-def table(sets: Mapping[str, Photographs], variations: Sequence[Variation], level: float) -> str:
-    """A row a variation."""
+def tables(sets: Mapping[str, Photographs], variations: Sequence[Variation], levels: Sequence[float]) -> str:
+    """A table a level of noise, with a row a variation."""
     head = ["variation"]
     for name in sets:
         head += [f"{name}: mean", "90 %", "worst"]
-    rows = []
-    for variation in tqdm(variations, desc=f"{level:g} % noise", leave=False):
-        row = [variation.name]
-        for photographs in sets.values():
-            errors = sorted(100 * error for error in photographs.errors(variation, level))
-            row += [f"{statistics.mean(errors):.2f}", f"{errors[int(0.9 * len(errors))]:.1f}", f"{errors[-1]:.1f}"]
-        rows.append(row)
-    return markdown_table(head, rows)
+    rows: list[list[list[str]]] = [[] for _ in levels]
+    for variation in tqdm(variations, leave=False):
+        found = [photographs.errors(variation, levels) for photographs in sets.values()]
+        for level, of_sets in zip(rows, zip(*found, strict=True), strict=True):
+            row = [variation.name]
+            for errors in of_sets:
+                some = sorted(100 * error for error in errors)
+                row += [f"{statistics.mean(some):.2f}", f"{some[int(0.9 * len(some))]:.1f}", f"{some[-1]:.1f}"]
+            level.append(row)
+    parts = zip(levels, rows, strict=True)
+    return "\n\n".join(f"{level:g} % pixel noise:\n\n{markdown_table(head, some)}" for level, some in parts)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -308,7 +314,7 @@ def run(options: argparse.Namespace) -> None:
         "reported": reported_set(measured, options.targets),
     }
     variations = [v for v in VARIATIONS if not options.only or any(text in v.name for text in options.only)]
-    body = "\n\n".join(f"{level:g} % pixel noise:\n\n{table(sets, variations, level)}" for level in options.noise)
+    body = tables(sets, variations, options.noise)
     print(body)
     if options.document is not None:
         replace_results(options.document, body)

@@ -9,7 +9,7 @@ from torchbrdf.brdf.merl import above_horizon
 from torchbrdf.estimation.classes import MaterialClasses, Mixture
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.estimation.image_space import ImageSpace
-from torchbrdf.estimation.posterior import INFLATION, TAIL, UNMODELLED, Moments, Posterior
+from torchbrdf.estimation.posterior import TAIL, UNMODELLED, Moments, Posterior
 from torchbrdf.estimation.priors import PriorBank, prior_variances
 from torchbrdf.transport.basis_images import BasisImages
 
@@ -85,17 +85,17 @@ def test_standard_deviations_are_those_of_samples():
         normal = torch.randn(3, N, count, generator=g, dtype=torch.float64)
         samples.append(mean[..., None] + torch.linalg.cholesky(covariance + 1e-14 * torch.eye(N)) @ normal)
     drawn = rows @ torch.cat(samples, -1)
-    expected = torch.sqrt(INFLATION**2 * drawn.var(-1) + (UNMODELLED * drawn.mean(-1)) ** 2)
+    expected = torch.sqrt(drawn.var(-1) + (UNMODELLED * drawn.mean(-1)) ** 2)
     torch.testing.assert_close(posterior.std(rows), expected, rtol=0.02, atol=0)
 
 
-def test_std_is_inflated_and_knows_a_share_of_the_mean():
+def test_std_knows_the_covariance_and_a_share_of_the_mean():
     posterior = planned()
     rows = random(3, 40, N, seed=8)
     moments = posterior.moments
     variance = torch.einsum("sin,snm,sim->si", rows, moments.covariance, rows)
     unmodelled = UNMODELLED * torch.einsum("sin,sn->si", rows, moments.mean)
-    expected = torch.sqrt(INFLATION**2 * variance + unmodelled**2)
+    expected = torch.sqrt(variance + unmodelled**2)
     torch.testing.assert_close(posterior.std(rows), expected, rtol=1e-6, atol=0)
     torch.testing.assert_close(posterior.std(rows.float()), expected.float(), rtol=1e-3, atol=0)
     torch.testing.assert_close(posterior.std(rows[1])[1], expected[1], rtol=1e-6, atol=0)
@@ -110,7 +110,7 @@ def test_directions_that_nothing_leaves_open_have_no_variance():
     across = random(N, seed=6)
     across -= v * (across @ v) / (v @ v)
     std = posterior.std(torch.stack([v, across]))
-    torch.testing.assert_close(std[:, 0], INFLATION * (v @ v).expand(3))
+    torch.testing.assert_close(std[:, 0], (v @ v).expand(3))
     assert (std[:, 1] <= 1e-6 * float(v.norm())).all()
 
 

@@ -1,8 +1,8 @@
 """What the photograph leaves open: the posterior of the weights, a mixture of Gaussians, made wide enough to be true.
 
-The mixture alone knows no material outside the span of the library and is too sure of itself. Two constants mend that:
-standard deviations of the mixture times INFLATION, and beside them a share UNMODELLED of what is predicted. How they
-were chosen, and how often intervals then hold what they should: docs/uncertainty.md.
+The mixture alone knows no material outside the span of the library and is too sure of itself. One constant mends that:
+beside it a share UNMODELLED of what is predicted is unknown. How it was chosen, and how often intervals then hold what
+they should: docs/uncertainty.md.
 """
 
 from dataclasses import dataclass
@@ -13,15 +13,8 @@ from torch import Tensor
 
 from torchbrdf.estimation.priors import Explanation
 
-INFLATION = 1.5
-"""Standard deviations of the mixture are multiplied by this.
-
-Left-out materials of the library need none. Measured ones are further from it: by log score one half of them asks for
-1.5, the other for 2 (docs/uncertainty.md); the first was chosen, and the coverage of the other half reported.
-"""
-
 UNMODELLED = 0.01
-"""And what is predicted is wrong by this share: basis images, the grid of cells, photographs."""
+"""What is predicted is wrong by this share: basis images, the grid of cells, photographs."""
 
 TAIL = 1e-2
 """Share of the variance that `brdf_std` leaves out to be faster: below 1 % of the median cell's standard deviation."""
@@ -85,18 +78,18 @@ class Posterior:
 
     @cached_property
     def moments(self) -> Moments:
-        """Mean and covariance of the mixture as it is, without INFLATION and UNMODELLED."""
+        """Mean and covariance of the mixture as it is, without UNMODELLED."""
         return Moments.of(self.explanation, self.probabilities, self.row)
 
     @cached_property
     def factor(self) -> Tensor:
         """F (3, n, n + 1) float64: the variance of rows w is |rows F|^2, never below zero.
 
-        INFLATION times a root of the covariance, and UNMODELLED times the mean.
+        A root of the covariance, and UNMODELLED times the mean.
         """
         values, vectors = torch.linalg.eigh(self.moments.covariance)
         values = torch.where(values > _ROUNDING * values[:, -1:], values, 0)
-        root = INFLATION * vectors * values.sqrt()[:, None]
+        root = vectors * values.sqrt()[:, None]
         return torch.cat([root, UNMODELLED * self.moments.mean[..., None]], -1)
 
     def compressed(self, rows: Tensor) -> Tensor:
