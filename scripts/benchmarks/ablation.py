@@ -178,8 +178,7 @@ def fit(variation: Variation, basis: tb.BasisImages, classes: tb.MaterialClasses
         return estimator(basis.unpack(y)).weights
     with changed(variation.constants):
         space = ImageSpace.of(basis.packed, [y.shape[-1]], shared_errors.smooth_errors([basis.mask]))
-        membership = torch.stack([classes.labels == j for j in range(classes.n_classes)])
-        variances = prior_variances(membership, classes.norms, space)
+        variances = prior_variances(classes.membership, classes.norms, space)
         if variation.photograph:
             return torch.cat([fit_own_scale(variation, basis, variances, one[None]) for one in y])
         if variation.own:

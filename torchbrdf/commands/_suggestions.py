@@ -4,15 +4,15 @@ from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import cos
+from statistics import fmean
 
 import torch
-from torch import Tensor
 from tqdm import tqdm
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._inputs import open_probe
 from torchbrdf.estimation import BRDFEstimator, MaterialClasses
-from torchbrdf.light import LightProbe, directions_at, row_solid_angles, turned
+from torchbrdf.light import LightProbe, directions_at, turned
 from torchbrdf.rendering import render_basis
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
@@ -55,44 +55,46 @@ def suggestions(
     probe: LightProbe,
     basis: BasisImages,
     novel: Sequence[BasisImages],
+    expected: float,
 ) -> list[Suggestion]:
     """All of them, the one with the largest part of the error taken off first.
 
-    basis  of the first photograph, under the probe
-    novel  under other light
+    basis     of the first photograph, under the probe
+    novel     under other light
+    expected  the error of the first photograph alone there
     """
 
     def rendered(light: LightProbe) -> BasisImages:
         return render_basis(library, light, view)
 
-    def error(bases: BasisImages | Sequence[BasisImages], lights: Sequence[BasisImages]) -> float:
-        return BRDFEstimator(bases, classes).rehearse(lights).error
-
-    def added() -> Iterator[tuple[str, list[BasisImages], Sequence[BasisImages]]]:
-        """What is added, the photographs then, and the lights under which their error counts."""
+    def added() -> Iterator[tuple[str, list[BasisImages], Sequence[BasisImages], float]]:
+        """What is added, the photographs then, the lights under which errors count, and that of the first there."""
         if isinstance(view, SphereView):
             for angle in _TURNS:
                 side = "left" if angle > 180 else "right" if angle < 180 else "back"
                 what = f"second photograph, the camera {min(angle, 360 - angle)} degrees round to the {side}"
-                yield what, [basis, rendered(turned(probe, -angle))], novel
-        for path, light in others.items():
-            left = [images for other, images in others.items() if other != path]
-            judges = ", judged by the other probes" if len(left) >= _ENOUGH else ""
-            yield f"second photograph, under {path}{judges}", [basis, light], left if judges else novel
+                yield what, [basis, rendered(turned(probe, -angle))], novel, expected
+        images = list(others.values())
+        judged = len(images) > _ENOUGH
+        alone = BRDFEstimator(basis, classes).rehearse(images).errors.mean(0).tolist() if judged else []
+        for i, (path, light) in enumerate(others.items()):
+            what, bases = f"second photograph, under {path}", [basis, light]
+            if judged:
+                left = images[:i] + images[i + 1 :]
+                yield f"{what}, judged by the other probes", bases, left, fmean(alone[:i] + alone[i + 1 :])
+            else:
+                yield what, bases, novel, expected
         for where, direction in _LAMPS.items():
             lit = rendered(_lamp(direction, probe))
-            yield f"a lamp {where}, as bright as all light", [replace(basis, packed=basis.packed + lit.packed)], novel
+            brighter = replace(basis, packed=basis.packed + lit.packed)
+            yield f"a lamp {where}, as bright as all light", [brighter], novel, expected
 
     opened = {str(path): open_probe(Namespace(**vars(options) | {"probe": str(path)})) for path in options.probes}
     others = {path: rendered(light) for path, light in opened.items() if light.fingerprint != probe.fingerprint}
     count = len(_LAMPS) + len(others) + (len(_TURNS) if isinstance(view, SphereView) else 0)
-    before: dict[tuple[int, ...], float] = {}
     found = []
-    for what, bases, lights in tqdm(added(), desc="suggestions", total=count, leave=False):
-        key = tuple(map(id, lights))
-        if key not in before:
-            before[key] = error(basis, lights)
-        found.append(Suggestion(what, error(bases if len(bases) > 1 else bases[0], lights), before[key]))
+    for what, bases, lights, before in tqdm(added(), desc="suggestions", total=count, leave=False):
+        found.append(Suggestion(what, BRDFEstimator(bases, classes).rehearse(lights).error, before))
     return sorted(found, key=lambda one: one.error / max(one.before, 1e-30))
 
 
@@ -101,10 +103,5 @@ def _lamp(direction: tuple[float, float, float], probe: LightProbe) -> LightProb
     toward = torch.nn.functional.normalize(torch.tensor(direction), dim=0)
     y, x = torch.meshgrid(torch.arange(_LAMP_HEIGHT), torch.arange(2 * _LAMP_HEIGHT), indexing="ij")
     lit = directions_at(x, y, _LAMP_HEIGHT, 2 * _LAMP_HEIGHT) @ toward > cos(_LAMP_RADIUS)
-    radiance = lit.float().expand(3, -1, -1)
-    return LightProbe(radiance * float(_power(probe.radiance) / _power(radiance)))
-
-
-def _power(radiance: Tensor) -> Tensor:
-    """Of a probe's texels (3, H, W), integrated over the sphere; mean over channels."""
-    return (radiance.double().sum((0, 2)) @ row_solid_angles(*radiance.shape[1:])) / len(radiance)
+    lamp = LightProbe(lit.float().expand(3, -1, -1))
+    return lamp.scaled(float(probe.total_power.mean() / lamp.total_power.mean()))

@@ -46,10 +46,11 @@ def run(options: argparse.Namespace) -> int:
     novel = [render_basis(library, light, view, progress=True) for light in other_lights(probe)]
     found = BRDFEstimator(basis, classes).observability(library, novel)
     assert found.rehearsal is not None
-    told = [] if not options.suggest else suggestions(options, library, classes, view, probe, basis, novel)
+    expected = found.rehearsal.error
+    told = suggestions(options, library, classes, view, probe, basis, novel, expected) if options.suggest else []
     if options.json:
         values = {
-            "predicted_error": found.predicted_error,
+            "predicted_error": expected,
             "predicted_error_by_kind": found.rehearsal.by_kind,
             "verdict": found.verdict,
             "highlight": found.highlight,

@@ -262,6 +262,11 @@ class MaterialClasses(nn.Module):
         """c_j: the number of basis BRDFs of every class."""
         return torch.bincount(self.labels, minlength=self.n_classes).tolist()
 
+    @property
+    def membership(self) -> Tensor:
+        """(K, n) bool: the basis BRDFs of every class."""
+        return self.labels == torch.arange(self.n_classes, device=self.labels.device)[:, None]
+
     def members(self, j: int) -> Tensor:
         """(c_j,) int64: the basis BRDFs of class j."""
         return torch.nonzero(self.labels == j).ravel()

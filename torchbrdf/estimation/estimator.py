@@ -144,9 +144,8 @@ class BRDFEstimator(nn.Module):
         if self._bank is None or self._bank.variances.device != self.packed.device:
             frames = self.frames
             space = ImageSpace.of(self.packed, frames.sizes, smooth_errors(frames.masks))
-            membership = torch.stack([self.classes.labels == j for j in range(self.classes.n_classes)])
             device = self.packed.device
-            variances = prior_variances(membership.to(device), self.classes.norms.to(device), space)
+            variances = prior_variances(self.classes.membership.to(device), self.classes.norms.to(device), space)
             self._bank, self._masked_bank = PriorBank.of(space, variances), None
         return self._bank
 

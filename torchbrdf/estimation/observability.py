@@ -132,17 +132,16 @@ def observability(
         raise ValueError("this library is not the one that the basis images were rendered with")
     space, k = bank.space, classes.n_classes
     norms = classes.norms.to(bank.variances)
-    variances = torch.cat([bank.variances[:k], torch.stack([whole_variances(norms, power) for power in _POWERS])])
-    values, vectors = torch.linalg.eigh((space.white * variances[:, None, None]) @ space.white.mT)
-    values = values.clamp_min(0)
+    whole = PriorBank.of(space, torch.stack([whole_variances(norms, power) for power in _POWERS]))
+    variances, values = torch.cat([bank.variances[:k], whole.variances]), torch.cat([bank.values[:k], whole.values])
     floor = noise**2 / bank.independent_pixels * (variances @ space.r.square().sum(1).mT)[..., None]
     lit = (floor[k, :, 0] > 0).to(floor)
     share = lit / lit.sum().clamp_min(1)
     spectrum = _positive(values + floor)
     freedom = ((values / spectrum).sum(-1) * share).sum(-1)
 
-    even = variances[k + 1]
-    directions = even[:, None] * (space.white.mT @ vectors[k + 1])
+    even = whole.variances[1]
+    directions = even[:, None] * (space.white.mT @ whole.vectors[1])
     weighted = directions / spectrum[k + 1].sqrt()[:, None]
 
     def removed(rows: Tensor) -> Tensor:

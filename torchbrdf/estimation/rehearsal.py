@@ -72,14 +72,13 @@ def rehearse(packed: Tensor, frames: Frames, novel: Sequence[BasisImages], class
     errors = smooth_errors(frames.masks)
     space = ImageSpace.of(packed, frames.sizes, errors)
     y = _photographs(packed, errors)
-    membership = classes.labels == torch.arange(classes.n_classes)[:, None]
     weights = packed.new_zeros(len(y), 3, len(packed))
     for rows in _folds(classes.names):
         kept = torch.ones(len(y), dtype=torch.bool)
         kept[rows] = False
         columns = kept.repeat_interleave(3)
         some = replace(space, r=space.r[..., columns])
-        members = membership[:, columns]
+        members = classes.membership[:, columns]
         variances = prior_variances(members[members.any(1)], classes.norms[columns], some)
         found = PriorBank.of(some, variances).explain(y[rows]).mean
         weights[rows[:, None, None], torch.arange(3)[:, None], torch.nonzero(columns).ravel()] = found.float()
