@@ -1,0 +1,65 @@
+"""The house spells British: pages, docstrings and comments. Misspellings are what `codespell` is for."""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from paths import ROOT
+
+AMERICAN = re.compile(
+    r"\b(?:(?:un)?(?:colou?rles|color(?:s|ed|ful|ing)?|behavior\w*|gray(?:s|ish|er)?|licens(?:or)|centers?|centered|meters?"
+    r"|neighbors?|neighboring|neighborhoods?|favors?|favored|favorite|label(?:ed|ing)|model(?:ed|ing)|travel(?:ed|ing)"
+    r"|cancel(?:ed|ing)|fulfill|defense|catalogs?|dialogs?|artifacts?|analyz(?:e[ds]?|ing)"
+    r"|\w{3,}(?:[lmnrt]iz)(?:e[ds]?|ing|ations?|ers?)))\b",
+    re.IGNORECASE,
+)
+KEPT = re.compile(r"`[^`]*`|\"[^\"\n]*\"|'[\w*|-]+'|https?://\S+|\$[^$]*\$|\[[\w ]+\]|\b\w+[._(=]\w*|\b\w+-\w+\b")
+"""Code, titles that are quoted, and names with hyphens, such as MERL's materials: as they were given."""
+
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted((ROOT / "docs").rglob("*.md"))
+SOURCES = [path for folder in ("torchbrdf", "scripts", "tests") for path in sorted((ROOT / folder).rglob("*.py"))]
+
+pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the documentation is not here")
+
+
+def prose_of_page(path: Path) -> Iterator[str]:
+    """Paragraphs without code in fences or by indentation."""
+    text = re.sub(r"^(`{3,}).*?^\1$", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
+    yield re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
+
+
+def prose_of_source(path: Path) -> Iterator[str]:
+    """Docstrings and comments."""
+    text = path.read_text()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node) or ""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.string
+
+
+def american(prose: str) -> list[str]:
+    return [match[0] for match in AMERICAN.finditer(KEPT.sub(" ", prose))]
+
+
+@pytest.mark.parametrize("word", ["color", "Colors", "behavior", "gray", "normalized", "optimize", "modeling", "neighbor"])
+def test_american_words_are_found(word: str):
+    assert american(f"The {word} of `color` and gray-plastic.") == [word]
+
+
+def test_british_words_and_code_are_not():
+    assert american("Colour, `behavior`, normalised, size, prize, `torch.normalize`, \"A Color Model\", modelled") == []
+
+
+def test_prose_is_british():
+    found = [f"{path.relative_to(ROOT)}: {word}" for path in PAGES for prose in prose_of_page(path) for word in american(prose)]
+    found += [
+        f"{path.relative_to(ROOT)}: {word}" for path in SOURCES for prose in prose_of_source(path) for word in american(prose)
+    ]
+    assert found == []
