@@ -17,6 +17,8 @@ exclude_patterns = ["_build"]
 highlight_language = "none"
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
 html_title = f"torchbrdf {version}"
 
 autodoc_member_order = "bysource"

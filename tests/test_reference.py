@@ -1,4 +1,4 @@
-"""The reference: every public name is on a page, with shapes and an example; glossary and citation say what the code does."""
+"""The reference: every public name is on a page, with shapes and an example; glossary and citation are of this code."""
 
 import inspect
 import re
@@ -15,13 +15,20 @@ API = ROOT / "docs" / "api"
 PAGES = sorted(path for path in API.glob("*.md") if path.name != "index.md")
 _ENTRY = re.compile(r"^\.\. auto(?:class|function|data|module):: (\S+)$", re.MULTILINE)
 _ROW = re.compile(r"\[`[\w.]+`\]\(#([\w.]+)\)")
-_SHAPE = re.compile(r"\((?:\*batch|\.\.\.|\d+|[A-Za-z]\w*)?(?:,? ?[\w+ ^]+)*,?\)|\(\.\.\.\)")
+_AXIS = r"(?:\.\.\.|\*batch|\d+|\w+(?:[ ^]\w+){0,2})"
+_SHAPE = re.compile(rf"\({_AXIS}(?:, ?{_AXIS})+,?\)|\({_AXIS},\)|\(\.\.\.\)|\(\*batch\)")
+_MEMBERS = re.compile(r"^\.\. autoclass:: (\S+)\n   :members:(.*)$", re.MULTILINE)
 
 pytestmark = pytest.mark.skipif(not API.is_dir(), reason="the documentation is not here")
 
 
 def entries(page: Path) -> list[str]:
     return _ENTRY.findall(page.read_text())
+
+
+def members(page: Path) -> list[tuple[str, str]]:
+    """Classes of a page whose methods it shows, and which; none named means all."""
+    return _MEMBERS.findall(page.read_text())
 
 
 def documented(name: str) -> Any:
@@ -39,18 +46,20 @@ def documented(name: str) -> Any:
 
 
 def described() -> list[tuple[str, Any, str]]:
-    """Name, callable and docstring of what the pages document, public methods too."""
+    """Name, callable and docstring of what the pages document: functions, classes, and the methods shown of these."""
     found = []
-    for name in (name for page in PAGES for name in entries(page)):
-        thing = documented(name)
-        if inspect.isclass(thing):
-            found.append((name, thing.__init__, inspect.getdoc(thing) or ""))
-            for key, member in vars(thing).items():
-                function = getattr(member, "__func__", member)
-                if inspect.isfunction(function) and not key.startswith("_"):
-                    found.append((f"{name}.{key}", function, inspect.getdoc(function) or ""))
-        elif callable(thing):
-            found.append((name, thing, inspect.getdoc(thing) or ""))
+    for page in PAGES:
+        shown = {name: [one for one in names.replace(" ", "").split(",") if one] for name, names in members(page)}
+        for name in entries(page):
+            thing = documented(name)
+            if inspect.isclass(thing):
+                methods = {key: getattr(member, "__func__", member) for key, member in vars(thing).items()}
+                for key in shown.get(name, ()) or (methods if name in shown else ()):
+                    if inspect.isfunction(methods.get(key)) and not key.startswith("_"):
+                        found.append((f"{name}.{key}", methods[key], inspect.getdoc(methods[key]) or ""))
+                found.append((name, thing.__init__, inspect.getdoc(thing) or ""))
+            elif callable(thing):
+                found.append((name, thing, inspect.getdoc(thing) or ""))
     return found
 
 

@@ -67,7 +67,7 @@ def test_what_leads_somewhere_is_no_fault(root: Path, link: str):
         ("[a](/docs/page.md)", "must be relative to the page"),
         ("[a](http://example.org)", "must be a whole https address"),
         ("[a](https://example)", "must be a whole https address"),
-        ("[a](https://[x)", "is no address"),
+        ('<a href="https://[x">', "is no address"),
         ("[a][b]\n\n[b]: none.md", "there is no none.md"),
     ],
 )

@@ -39,7 +39,7 @@ class Parameter:
 class AnalyticModel:
     """A reciprocal BRDF with parameters.
 
-    f_r               of a geometry and the parameters by name, see `models`
+    f_r               of a geometry (N, 1) and the parameters by name, see `models`; gives (N, 3) in 1/sr
     source            key in docs/references.bib
     channels_coupled  a channel of f_r depends on other channels of a colour
     energy_conserving no more is reflected than comes in, for any parameters within the bounds

@@ -158,7 +158,10 @@ class MerlTable:
 
     @classmethod
     def of_filled(cls, values: Tensor, valid: Tensor, name: str = "unnamed") -> "MerlTable":
-        """A table in which cells that were not measured hold their nearest measured one already, see `filled`."""
+        """A table (90, 90, 180, 3) in which cells that were not measured hold their nearest measured one already.
+
+        valid  (90, 90, 180) bool, True where measured
+        """
         table = cls(values, valid, name)
         table.__dict__["filled"] = values.reshape(N_CELLS, 3)
         return table

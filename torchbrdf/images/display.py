@@ -11,7 +11,7 @@ DISPLAY_GAMMA = 2.2
 def tone_map(image: Tensor, exposure: float = 1.0) -> Tensor:
     """Display values of linear radiance: (exposure * image clipped to [0, 1]) ** (1 / 2.2); NaN becomes 0.
 
-    image      any shape
+    image      (..., 3, H, W), or any other shape
     returns    the same shape, in [0, 1]
     source     [CBP21, section VII]
     """

@@ -116,7 +116,8 @@ class LiveServer(ThreadingHTTPServer):
     def frame(self, rotation: Tensor, stops: float) -> bytes:
         """All pictures and the mirror ball under the turned light, (K + 1, S, S, 4) bytes; one at a time is rendered.
 
-        stops  exposure beside that of the first pictures
+        rotation  (3, 3), of the light
+        stops     exposure beside that of the first pictures
         Pixels outside the mask continue the nearest ones inside, so that a picture clipped to a disc has no other rim.
         """
         with self._rendering, torch.inference_mode():

@@ -43,6 +43,9 @@ def locate(
 ) -> tuple[Circle | Ball, str]:
     """The ball in a photograph that has no mask, and how it was found, for people.
 
+    image   (3, H, W)  linear radiance
+    camera  of the whole photograph; None where it is not known: the ball is a circle
+    usable  (1, H, W)  bool, True = use; None uses all that is finite
     window  the part of the photograph that was recorded; None for all
     number  of the ball, counted from 1, the largest; None for the largest
     A square photograph (or window) in which no other ball is seen is a crop to the ball, which fills it.

@@ -77,6 +77,8 @@ def tilted_boxes(places: Callable[[Tensor, Tensor], Tensor], n: int, parts: int 
 def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Observation:
     """Average a whole photograph, taken by the view's own camera, onto the pixels of the view; see `observe`.
 
+    image  (3, h, w)  linear radiance, of the proportions of the view
+    mask   (1, h, w)  bool, True = use; None uses all
     Raises ValueError where the photograph has other proportions than the view, too.
     """
     height, width = image.shape[-2:]

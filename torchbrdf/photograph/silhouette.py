@@ -119,7 +119,7 @@ def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Windo
 
 
 def find_ball(camera: PinholeCamera, mask: Tensor | None = None, window: Window | None = None) -> Ball:
-    """Where the ball is before the photograph's camera: as `find_circle`, with the smallest cone around the mask."""
+    """Where the ball is before the photograph's camera: as `find_circle`, by the smallest cone around mask (1, H, W)."""
     height, width = camera.size
     circle = find_circle(camera.size, mask, window)
     ball = Ball.of_circle(camera, circle.x, circle.y, circle.radius)

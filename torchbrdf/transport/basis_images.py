@@ -68,7 +68,7 @@ class BasisImages:
         description: str,
         relative_errors: Tensor | None = None,
     ) -> "BasisImages":
-        """Images with what they were rendered from."""
+        """Images (n, 3, P) with what they were rendered from; relative_errors (n,) where the renderer tells them."""
         return cls(
             packed=packed,
             mask=view.mask,

@@ -78,7 +78,7 @@ class HarmonicBasis:
         return packed if columns is None else packed[columns]
 
     def named(self, packed: Tensor, rotation: Tensor | None) -> BasisImages:
-        """What `packed_at` a rotation gave, with what it is of."""
+        """What `packed_at` a rotation (3, 3) gave, (n, 3, P), with what it is of."""
         basis = BasisImages.of(packed, self.library, self.probe, self.view, "harmonic")
         if rotation is None:
             return basis
