@@ -119,7 +119,11 @@ def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Windo
 
 
 def find_ball(camera: PinholeCamera, mask: Tensor | None = None, window: Window | None = None) -> Ball:
-    """Where the ball is before the photograph's camera: as `find_circle`, by the smallest cone around mask (1, H, W)."""
+    """Where the ball is before the photograph's camera: as `find_circle`, by the smallest cone around a mask.
+
+    mask    (1, H, W) bool, True where usable ball is; None: the inscribed circle of the photograph
+    window  the part that was recorded, whose inscribed circle counts instead; None for all
+    """
     height, width = camera.size
     circle = find_circle(camera.size, mask, window)
     ball = Ball.of_circle(camera, circle.x, circle.y, circle.radius)
