@@ -1,4 +1,5 @@
 import re
+from collections.abc import Callable
 
 from sphinx.application import Sphinx
 
@@ -43,13 +44,40 @@ def _literal(lines: list[str]) -> list[str]:
     return ["::", "", *(f"    {line}" for line in lines), ""]
 
 
+def _items(lines: list[str]) -> list[str]:
+    """Rows of name, perhaps shape, and description, as a definition list, which wraps where columns do not."""
+    out = []
+    for line in lines:
+        *terms, text = re.split(r"\s{2,}", line)
+        out += [" ".join(f"``{term}``" for term in terms), f"    {' '.join(_prose([text]))}".rstrip()]
+    return [*out, ""]
+
+
+def _paragraph(lines: list[str]) -> list[str]:
+    """Prose, rows of columns whose descriptions may go on below, and what is indented, which stays as it is."""
+    blocks: list[tuple[Callable[[list[str]], list[str]], list[str]]] = []
+    column = 0
+    for line in lines:
+        row = re.match(r"\S(?:.*?\S)?\s{2,}(?=\S)", line)
+        listed = bool(blocks) and blocks[-1][0] is _items
+        if row or (listed and line.find(" ") == column - 1):  # a name as long as the column leaves one space
+            column = row.end() if row else column
+            kind, text = _items, line if row else f"{line[:column]} {line[column:]}"
+        elif listed and line[:1] == " ":
+            blocks[-1][1][-1] += f" {line.strip()}"
+            continue
+        else:
+            kind, text = (_literal if line[:1] == " " else _prose), line
+        if not blocks or blocks[-1][0] is not kind:
+            blocks.append((kind, []))
+        blocks[-1][1].append(text)
+    return [line for kind, block in blocks for line in kind(block)]
+
+
 def _plain_docstring(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Our docstrings are plain text: paragraphs stay prose, and lists in columns stay as they are."""
+    """Our docstrings are plain text: as reStructuredText, paragraph by paragraph."""
     paragraphs = [paragraph.split("\n") for paragraph in re.split(r"\n\s*\n", "\n".join(lines).strip())]
-    lines.clear()
-    for paragraph in paragraphs:
-        columns = any(re.match(r"\s|\S+(, \S+)*\s{2,}\S", line) for line in paragraph)
-        lines += (_literal if columns else _prose)(paragraph)
+    lines[:] = [line for paragraph in paragraphs for line in _paragraph(paragraph)]
 
 
 def setup(app: Sphinx) -> None:
