@@ -33,18 +33,18 @@ def faults(root: Path, text: str) -> list[str]:
 @pytest.mark.parametrize(
     "link",
     [
-        "[a](docs/page.md)",
-        "[a](docs/page.md#whats-this-and-x)",
-        "[a](docs/page.md#twice-1)",
-        "[a](docs/page.md#a-target)",
-        "[a](docs/page.md#torchbrdf.render)",
+        "[a](./docs/page.md)",
+        "[a](./docs/page.md#whats-this-and-x)",
+        "[a](./docs/page.md#twice-1)",
+        "[a](./docs/page.md#a-target)",
+        "[a](./docs/page.md#torchbrdf.render)",
         "[a](#here)\n\n# Here",
         "![a](picture.png)",
         '<p align="center"><img src="picture.png"></p>',
         "`[a](nowhere.md)`",
         "    [a](nowhere.md)",
         "[a](https://example.org/page#part)",
-        "[a][b]\n\n[b]: docs/page.md",
+        "[a][b]\n\n[b]: ./docs/page.md",
     ],
 )
 def test_what_leads_somewhere_is_no_fault(root: Path, link: str):
@@ -54,9 +54,9 @@ def test_what_leads_somewhere_is_no_fault(root: Path, link: str):
 @pytest.mark.parametrize(
     ("link", "said"),
     [
-        ("\n[a](docs/none.md)", "README.md:2: docs/none.md: there is no docs/none.md"),
-        ("[a](docs/page.md#twice-2)", "docs/page.md has no heading of that name"),
-        ("[a](docs/page.md#What-s-this)", "docs/page.md has no heading of that name"),
+        ("\n[a](./docs/none.md)", "README.md:2: ./docs/none.md: there is no"),
+        ("[a](./docs/page.md#twice-2)", "page.md has no heading of that name"),
+        ("[a](./docs/page.md#What-s-this)", "page.md has no heading of that name"),
         ("[a](#nowhere)", "README.md has no heading of that name"),
         ("![a](none.png)", "there is no none.png"),
         ('<img src="none.png">', "there is no none.png"),
@@ -64,7 +64,7 @@ def test_what_leads_somewhere_is_no_fault(root: Path, link: str):
         ("```{image} none.png\n```", "there is no none.png"),
         ("```{toctree}\n:maxdepth: 1\n\ndocs/page\nnone\n```", "there is no none.md"),
         ("[a](../outside.md)", "leads out of the repository"),
-        ("[a](/docs/page.md)", "must be relative to the page"),
+        ("[a](/page.md)", "must be relative to the page"),
         ("[a](http://example.org)", "must be a whole https address"),
         ("[a](https://example)", "must be a whole https address"),
         ('<a href="https://[x">', "is no address"),
