@@ -11,12 +11,7 @@ from pathlib import Path
 
 import torchbrdf
 from torchbrdf import commands
-from torchbrdf.command_line import WARNED, Parser, exit_status, say
-
-NAME = "torchbrdf"
-
-_LOOKS_ITSELF = "doctor"
-"""The command that does not compute, and says what is wrong with torch."""
+from torchbrdf.command_line import BAD_INPUT, WARNED, BadUsageError, exit_status, say
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,26 +19,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0; 2 for bad input (one line on stderr); 3 for warnings with `--strict`; else as `exit_status`.
     """
-    options = parser().parse_args(arguments)
-    shown: list[str] = []
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        options = parser().parse_args(words)
+    except BadUsageError as error:
+        _finish_without_options(words, error)
+        raise
+    findings = commands.Findings.of(options)
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-        shown.append(str(message))
-        say(NAME, f"warning: {message}")
+        findings.warnings.append(str(message))
+        say(commands.NAME, str(message), "warning")
+
+    def run(options: argparse.Namespace) -> int:
+        with findings.gathered():
+            return _run(options, findings)
 
     warnings.showwarning = show
-    status = exit_status(NAME, _run, options, interrupted="interrupted; nothing was written")
-    if status == 0 and shown and getattr(options, "strict", False):
-        say(NAME, f"{len(shown)} warning{'s' * (len(shown) > 1)} with --strict; what was written stays")
-        return WARNED
+    interrupted = "interrupted; nothing was written"
+    status = exit_status(commands.NAME, run, options, interrupted, told=findings.failed)
+    if status == 0 and findings.warnings and getattr(options, "strict", False):
+        count = len(findings.warnings)
+        say(commands.NAME, f"{count} warning{'s' * (count > 1)} with --strict; what was written stays")
+        status = WARNED
+    findings.finish(status)
     return status
 
 
-def _run(options: argparse.Namespace) -> int:
+def _finish_without_options(words: Sequence[str], error: BadUsageError) -> None:
+    """Print the document of a command whose options are wrong, where one of them asks for it."""
+    asked = any(len(word) > 2 and "--json".startswith(word) for word in words)
+    findings = commands.Findings(words[0] if words and words[0] in commands.found() else None, as_json=asked)
+    findings.failed(error.message)
+    findings.finish(BAD_INPUT)
+
+
+def _run(options: argparse.Namespace, findings: commands.Findings) -> int:
     _refuse_to_overwrite_inputs(options)
     if options.computes:
         _load_torch()
-    return int(options.run(options) or 0)
+    return int(options.run(options, findings) or 0)
 
 
 def _load_torch() -> None:
@@ -51,7 +66,7 @@ def _load_torch() -> None:
 
     They would go through its quarter of a million objects, again and again while they are made and twice at the end:
     half a second of a short command. NumPy's products and factorisations are small: its threads, which wait by turning
-    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be found.
+    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be findings.
     """
     if "torch" in sys.modules:
         return
@@ -77,16 +92,8 @@ def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """All commands with their options. Nothing is imported that only running one needs: `--help` answers at once."""
-    whole = Parser(prog=NAME, description=torchbrdf.__doc__)
-    whole.add_argument("--version", action="version", version=f"{NAME} {torchbrdf.__version__}")
-    chosen = whole.add_subparsers(required=True, metavar="COMMAND")
-    for name, command in commands.found().items():
-        text = (command.run.__doc__ or "").strip()
-        added = chosen.add_parser(name, help=text.splitlines()[0], description=text)
-        added.set_defaults(run=command.run, computes=name != _LOOKS_ITSELF)
-        command.add_options(added)
-    return whole
+    """That of the program."""
+    return commands.parser(torchbrdf.__doc__)
 
 
 if __name__ == "__main__":

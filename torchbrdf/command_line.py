@@ -1,11 +1,12 @@
 """How every command and script says what is wrong: one line on stderr, and an exit status."""
 
 import argparse
+import os
 import re
 import signal
 import sys
 from collections.abc import Callable
-from typing import Any, NoReturn, Self
+from typing import Any, Literal, NoReturn, Self, TextIO
 
 from torchbrdf.files import being_written, remove_unfinished
 from torchbrdf.interruption import interruptible
@@ -14,6 +15,9 @@ BAD_INPUT = 2
 WARNED = 3
 INTERRUPTED = 130
 
+_COLOURS = {"error": "1;31", "warning": "1;33"}
+"""Of the label before a message on a terminal: bold red and bold yellow, which dark and light ground show."""
+
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$|-(inf|infinity|nan)$", re.I)
 _OUT_OF_MEMORY = re.compile("can't allocate memory|out of memory", re.I)
 
@@ -21,12 +25,34 @@ RESUMABLE = "interrupted; the same command goes on where it stopped"
 """What is said after Ctrl-C where what is finished is kept."""
 
 
+class BadUsageError(SystemExit):
+    """The end of a program whose options are wrong, after one line.
+
+    message  of that line
+    """
+
+    def __init__(self, message: str) -> None:
+        """Exit status BAD_INPUT."""
+        super().__init__(BAD_INPUT)
+        self.message = message
+
+
+class _Paragraphs(argparse.HelpFormatter):
+    """Help whose paragraphs stay apart, and whose indented ones, which are examples, stay as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = re.split(r"\n\s*\n", text)
+        return "\n\n".join(
+            one if "\n    " in one else super(_Paragraphs, self)._fill_text(one, width, indent) for one in paragraphs
+        )
+
+
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, as those of `exit_status`, and to which -1e-3 and -inf are numbers."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         """See argparse, which takes what looks like no number and begins with a minus for an option."""
-        super().__init__(*arguments, **settings)
+        super().__init__(*arguments, **{"formatter_class": _Paragraphs} | settings)
         self._negative_number_matcher = _NEGATIVE_NUMBER
 
     @classmethod
@@ -36,8 +62,9 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say it and leave with BAD_INPUT."""
-        fail(self.prog.split()[0], f"{message}; see `{self.prog} --help`")
-        raise SystemExit(BAD_INPUT)
+        line = f"{message}; see `{self.prog} --help`"
+        fail(self.prog.split()[0], line)
+        raise BadUsageError(line)
 
 
 def exit_status(
@@ -45,14 +72,18 @@ def exit_status(
     run: Callable[[argparse.Namespace], int | None],
     options: argparse.Namespace,
     interrupted: str | None = None,
+    told: Callable[[str], object] | None = None,
 ) -> int:
     """Run a program: what it returns, else 0; BAD_INPUT after one line for bad input or without Mitsuba.
 
     name         of the program, before what is said
     interrupted  what to say after Ctrl-C, unless the interruption says it itself; None to say nothing
+    told         called with what is said of an error or an interruption
     After Ctrl-C INTERRUPTED, after SIGTERM 143, after SIGHUP 129: 128 and the signal, which is said.
     """
-    message, others = None, being_written()
+    message: str | None = None
+    label: Literal["error"] | None = None
+    others = being_written()
     with interruptible() as interruption:
         try:
             try:
@@ -65,15 +96,16 @@ def exit_status(
             if interruption.raised:  # as what ran in C or in another process passes it on
                 status, message = INTERRUPTED, interrupted
             else:
-                status = fail(name, in_words(error))
+                status, message, label = BAD_INPUT, in_words(error), "error"
         finally:
             if interruption.raised:
                 remove_unfinished(others)
     if interruption.raised and interruption.received not in (None, signal.SIGINT):
-        say(name, f"{message or 'ended'} ({interruption.received.name})")
-        return 128 + interruption.received
-    if message:
-        say(name, message)
+        status, message = 128 + interruption.received, f"{message or 'ended'} ({interruption.received.name})"
+    if message is not None:
+        say(name, message, label)
+        if told is not None:
+            told(message)
     return status
 
 
@@ -93,12 +125,31 @@ def in_words(error: Exception) -> str:
     raise error
 
 
-def say(name: str, message: str) -> None:
-    """One line on stderr."""
-    print(f"{name}: " + " ".join(message.split()), file=sys.stderr)
+def say(name: str, message: str, label: Literal["error", "warning"] | None = None) -> None:
+    """One line on stderr.
+
+    label  before the message, in colour where `in_colour` says so
+    """
+    text = " ".join(message.split())
+    if label is not None:
+        text = f"\x1b[{_COLOURS[label]}m{label}:\x1b[0m {text}" if in_colour(sys.stderr) else f"{label}: {text}"
+    print(f"{name}: {text}", file=sys.stderr)
+
+
+def in_colour(stream: TextIO) -> bool:
+    """Whether what goes to a stream is coloured: on terminals, unless NO_COLOR or TERM=dumb forbid it.
+
+    FORCE_COLOR wants it elsewhere, too; a variable that is empty says nothing.
+    """
+    if os.environ.get("NO_COLOR"):
+        return False
+    if os.environ.get("FORCE_COLOR"):
+        return True
+    understood = os.name == "posix" or "WT_SESSION" in os.environ
+    return understood and os.environ.get("TERM") != "dumb" and stream.isatty()
 
 
 def fail(name: str, message: str) -> int:
     """One line on stderr about an error; returns BAD_INPUT."""
-    say(name, f"error: {message}")
+    say(name, message, "error")
     return BAD_INPUT

@@ -20,7 +20,6 @@ from math import nan
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.analytic._image_residuals import ImageResiduals
 from torchbrdf.analytic._least_squares import Minimum, Progress, best_of, minimise
@@ -34,6 +33,7 @@ from torchbrdf.analytic.variables import FitVariables
 from torchbrdf.brdf import GRID, METRICS, MaterialLibrary, MerlTable
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
+from torchbrdf.progress import progress_bar
 from torchbrdf.view import SphereView
 
 LARGEST_ANGLE_DEG = 80.0
@@ -162,7 +162,7 @@ def fit_analytic_batch(
 
     with serial_operations() as threads, ThreadPoolExecutor(threads) as pool:
         fits = pool.map(one, range(count))
-        return list(tqdm(fits, total=count, desc=f"{model} fits", disable=not progress, leave=False))
+        return list(progress_bar(fits, total=count, desc=f"{model} fits", shown=progress))
 
 
 @contextmanager

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.brdf._remarks import brightness, holes
 from torchbrdf.brdf._reused_columns import GramSum, reusable
@@ -24,6 +23,7 @@ from torchbrdf.brdf.stored_columns import (
     release,
     shared_cells,
 )
+from torchbrdf.progress import progress_bar
 
 TARGET_EXPONENT = 11
 """Of two: where the largest value of a column is, divided by its scale."""
@@ -52,7 +52,7 @@ class Build:
     def convert(self, write: Callable[[int, Tensor], None], progress: bool) -> None:
         """Write every row of the columns as float16; those of new materials are not yet filled."""
         m = len(self.names)
-        with tqdm(total=len(self.fresh) + GRID[0], desc="material library", disable=not progress, leave=False) as bar:
+        with progress_bar(total=len(self.fresh) + GRID[0], desc="material library", shown=progress) as bar:
             self.scale = torch.ones(3 * m, dtype=torch.float64)
             self.valid = torch.empty(m, N_CELLS // 8, dtype=torch.uint8)
             self.said = [()] * m

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.brdf._remarks import brightness, holes
 from torchbrdf.brdf.albedo import ALBEDO_DEG, MUCH_ALBEDO, directional_albedo
@@ -19,6 +18,7 @@ from torchbrdf.brdf.merl_grid import N_CELLS
 from torchbrdf.brdf.sameness import same_measurements, sampled_cells
 from torchbrdf.brdf.settings import EMBEDDED
 from torchbrdf.brdf.tables import read_table
+from torchbrdf.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def verify(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], p
     embedded = MaterialLibrary.default(progress) if EMBEDDED in as_list(sources) else None
     members = library_members(sources, embedded.names if embedded else ())
     tables, values, measured, unsound, cells = [], [], [], dict[str, str](), sampled_cells()
-    for member in tqdm(members, desc="reading", disable=not progress, leave=False):
+    for member in progress_bar(members, desc="reading", shown=progress):
         try:
             table = _table(member, embedded)
         except (OSError, ValueError) as error:

@@ -1,14 +1,15 @@
 """What `torchbrdf analytic` prints of a fit, and the files beside that of the material."""
 
-import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchbrdf.analytic import AnalyticFit
 from torchbrdf.brdf import RESULT_STD, MerlTable
+from torchbrdf.commands._findings import Findings
 from torchbrdf.images import ColourSpace, exposure_for, write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
@@ -28,19 +29,34 @@ def write_preview(
     write_image(path, torch.cat(list(pictures), dim=-1) * exposure, primaries=primaries)
 
 
-def uncertainty_of(brdf: Path) -> Tensor | None:
+def uncertainty_of(brdf: Path, findings: Findings) -> Tensor | None:
     """The standard deviation of every cell that `torchbrdf fit --uncertainty` left in a folder."""
     if not (brdf / RESULT_STD).is_file():
         return None
-    print(f"cells weigh by their standard deviation in {brdf / RESULT_STD}")
+    findings.line(f"cells weigh by their standard deviation in {brdf / RESULT_STD}")
     return MerlTable.open(brdf / RESULT_STD).values.clamp_min(0)
 
 
-def print_fit(fit: AnalyticFit) -> None:
-    print(fit)
-    print(f"  {fit.iterations} iterations, {fit.evaluations} evaluations of the model, {fit.seconds:.1f} s")
-    for bound in fit.at_bounds:
-        print(f"  at a bound: {bound}")
-    sys.stdout.flush()
+def tell_fit(fit: AnalyticFit, findings: Findings) -> None:
+    """Its lines, and its warnings."""
+    bounds = [f"  at a bound: {bound}" for bound in fit.at_bounds]
+    effort = f"  {fit.iterations} iterations, {fit.evaluations} evaluations of the model, {fit.seconds:.1f} s"
+    findings.line("\n".join([str(fit), effort, *bounds]), at_once=True)
     for warning in fit.warnings:
         warnings.warn(f"{fit.name}, {fit.model}: {warning}", UserWarning, stacklevel=2)
+
+
+def fit_record(fit: AnalyticFit) -> dict[str, Any]:
+    """What a script is told of it."""
+    return {
+        "model": fit.model,
+        "parameters": fit.parameters,
+        "metric": fit.metric,
+        "relative_error": fit.error,
+        "converged": fit.converged,
+        "iterations": fit.iterations,
+        "evaluations": fit.evaluations,
+        "seconds": fit.seconds,
+        "at_bounds": fit.at_bounds,
+        "warnings": fit.warnings,
+    }

@@ -9,17 +9,27 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
-from tqdm import tqdm
-
 from torchbrdf.command_line import BAD_INPUT, RESUMABLE, fail, in_words
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._finished import lock_of, origin, record, warnings_of
 from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
 from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
-from torchbrdf.commands._results import WEIGHTS, obsolete, warn_of_doubts, write_table, write_views, write_weights
+from torchbrdf.commands._results import (
+    WEIGHTS,
+    failed,
+    obsolete,
+    products,
+    warn_of_doubts,
+    write_table,
+    write_views,
+    write_weights,
+    written,
+)
 from torchbrdf.commands._said import about, said_of, say
 from torchbrdf.files import writing_folder
 from torchbrdf.images import read_mask
+from torchbrdf.progress import progress_bar
 
 _TOGETHER = 8
 """Tables that are combined in one pass over the library, and as many that wait to be written: 35 MB each."""
@@ -35,7 +45,7 @@ class _Seen:
     said: list[str]
 
 
-def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph]) -> int:
+def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph], findings: Findings) -> int:
     """Explain every photograph, into `options.output`/NAME; returns the exit status.
 
     What is finished is left as it is, and its warnings are said again. Raises what is wrong with what they share.
@@ -45,20 +55,26 @@ def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph]) -> 
     inputs = Inputs(options)
     if len({one.probe for one in photographs}) == 1:
         inputs.probe(photographs[0].probe)
-    try:
-        with tqdm(total=len(photographs), desc="photographs", leave=False) as bar, _Writer() as writer:
-            batch = _Batch(options, inputs, writer, bar)
-            batch.run(photographs)
-    except KeyboardInterrupt as error:
-        raise KeyboardInterrupt(str(error) or RESUMABLE) from None
+    with progress_bar(total=len(photographs), desc="photographs") as bar:
+        writer = _Writer()
+        batch = _Batch(options, inputs, writer, lambda: bar.update(), findings)
+        try:
+            with writer:
+                batch.run(photographs)
+        except KeyboardInterrupt as error:
+            raise KeyboardInterrupt(str(error) or RESUMABLE) from None
+        finally:
+            findings.add(photographs=[batch.told[one] for one in photographs if one in batch.told])
     for text in batch.failures.values():
         fail("torchbrdf", text)
     known, failed = len(batch.known), len(batch.failures)
     done = len(photographs) - known - failed
     parts = [f"wrote {done} of {len(photographs)} materials to {options.output}/NAME"]
     parts += [f"{known} were finished before (--overwrite makes them anew)"] if known else []
-    parts += [f"{failed} failed: {', '.join(one.name for one in batch.failures)}"] if failed else []
-    print("; ".join(parts))
+    if failed:
+        parts.append(f"{failed} failed: {', '.join(one.name for one in batch.failures)}")
+        findings.failed(parts[-1])
+    findings.line("; ".join(parts))
     return BAD_INPUT if failed else 0
 
 
@@ -67,13 +83,23 @@ class _Batch:
 
     failures  why a photograph has no results
     known     those that were finished before
+    told      what a script is told of each that is done with
     """
 
-    def __init__(self, options: argparse.Namespace, inputs: Inputs, writer: "_Writer", bar: "tqdm[Any]") -> None:
-        self._options, self._inputs, self._writer, self._bar = options, inputs, writer, bar
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        inputs: Inputs,
+        writer: "_Writer",
+        advance: Callable[[], object],
+        findings: Findings,
+    ) -> None:
+        self._options, self._inputs, self._writer, self._advance = options, inputs, writer, advance
+        self._findings = findings
         self._together = _TOGETHER if options.no_report and not options.align else 1
         self.failures: dict[Photograph, str] = {}
         self.known: list[Photograph] = []
+        self.told: dict[Photograph, dict[str, Any]] = {}
 
     def run(self, photographs: Sequence[Photograph]) -> None:
         """Explain and write all that are not finished."""
@@ -99,8 +125,16 @@ class _Batch:
             return False
         say(said)
         self.known.append(one)
-        self._bar.update()
+        self._done_with(one, said, outcome="kept")
         return True
+
+    def _done_with(self, one: Photograph, said: Sequence[str], outcome: str) -> None:
+        """Results are there: tell of them."""
+        folder, files = self._options.output / one.name, products(self._options)
+        self.told[one] = written(one.path, folder, files, said, outcome=outcome)
+        if outcome == "written":
+            self._findings.add_files(*(folder / file for file in files))
+        self._advance()
 
     def _explain(self, seen: Sequence[_Seen]) -> None:
         """Solve photographs, make their tables in one pass, and have them written."""
@@ -131,8 +165,8 @@ class _Batch:
 
     def _finish(self, one: _Seen, fitted: Fit) -> None:
         def done() -> None:
-            self._bar.write(f"{one.photograph.name}: {summary(fitted)}")
-            self._bar.update()
+            self._findings.line(f"{one.photograph.name}: {summary(fitted)}")
+            self._done_with(one.photograph, one.said, outcome="written")
 
         if self._options.no_report:
             with said_of(one.photograph.path, one.said):
@@ -159,7 +193,8 @@ class _Batch:
             yield
         except (ValueError, OSError) as error:
             self.failures[photograph] = about(photograph.path, in_words(error))
-            self._bar.update()
+            self.told[photograph] = failed(photograph.path, self.failures[photograph])
+            self._advance()
 
 
 class _Writer:

@@ -14,7 +14,9 @@ from torchbrdf.commands._results import WEIGHTS
 from torchbrdf.files import cache_folder
 
 _LOCKS = "locks"
-_NOT_OF_THE_RESULT = ("photos", "probes", "output", "strict", "overwrite", "same_material", "run", "library")
+_NOT_OF_THE_RESULT = (
+    "photos", "probes", "output", "strict", "overwrite", "same_material", "run", "library", "command", "quiet", "json",
+)  # fmt: skip
 
 
 def origin(options: argparse.Namespace, library: str) -> dict[str, Any]:

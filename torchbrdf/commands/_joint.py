@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import torch
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
 from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, fit_of, summary, weights_record
@@ -18,6 +19,7 @@ from torchbrdf.commands._results import (
     write_table,
     write_views,
     write_weights,
+    written,
 )
 from torchbrdf.commands._said import about, kept, say
 from torchbrdf.estimation import Reconstruction
@@ -26,7 +28,7 @@ from torchbrdf.photograph import Observation
 from torchbrdf.transport import BasisImages
 
 
-def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph]) -> int:
+def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph], findings: Findings) -> int:
     """Explain photographs of one material by one table in `options.output`, beside views of each; returns 0."""
     names = [one.name for one in photographs]
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
@@ -46,16 +48,26 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph])
             | {"normal_coverage": fitted.subject.basis.normal_coverage}
             for name, fitted in zip(names, fits, strict=True)
         ]
-        files = {"primaries": options.primaries, "photographs": views, "files": products(options, names)}
-        write_weights(folder, weights_record(whole) | files)
+        files = products(options, names)
+        rest = {"primaries": options.primaries, "photographs": views, "files": files}
+        write_weights(folder, weights_record(whole) | rest)
     for lit, fitted in zip(lits, fits, strict=True):
-        print(f"photograph {lit.about}; relative error {float(fitted.result.relative_error):.2%}")
-        print(f"light {lit.light}; {fitted.subject.basis.description}")
+        findings.line(f"photograph {lit.about}; relative error {float(fitted.result.relative_error):.2%}")
+        findings.line(f"light {lit.light}; {fitted.subject.basis.description}")
     for lit in lits:
         if lit.found is not None:
-            print(lit.found)
-    print(summary(whole))
-    print(f"wrote {options.output}/{in_words(products(options, names))}")
+            findings.line(lit.found)
+    findings.line(summary(whole))
+    findings.line(f"wrote {options.output}/{in_words(files)}")
+    findings.add_files(*(options.output / file for file in files))
+    findings.add(
+        photographs=[
+            written(one.path, options.output, products(options, [one.name]), said[one], one.name)
+            | {"relative_error": view["relative_error"]}
+            for one, view in zip(photographs, views, strict=True)
+        ],
+        joint_relative_error=whole.result.relative_error,
+    )
     return 0
 
 

@@ -1,8 +1,9 @@
 """An observation becomes a table: what `fit`, `live` and `demo` share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -169,6 +170,13 @@ def fit(
     return estimates.fits([observation], estimates.setting(probe, view, basis))[0]
 
 
+def result_record(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a script is told of a result, from its `weights_record`."""
+    told = ("relative_error", "relative_std", "class", "class_probabilities", "class_errors", "normal_coverage")
+    most = {"class_probability": record["class_probabilities"][record["class"]]}
+    return {key: record.get(key) for key in told} | most
+
+
 def weights_record(fitted: Fit) -> dict[str, object]:
     """weights.json: the settings, and the three weights (R, G and B of the result) of every basis BRDF used."""
     weights = fitted.result.weights
@@ -179,6 +187,7 @@ def weights_record(fitted: Fit) -> dict[str, object]:
         "class_probabilities": fitted.result.class_probabilities.tolist(),
         "class_errors": fitted.result.class_errors.tolist(),
         "relative_error": float(fitted.result.relative_error),
+        "relative_std": _relative_std(fitted),
         "penalty": fitted.estimator.penalty,
         "constraint": fitted.estimator.constraint,
         "robust": fitted.estimator.robust,
@@ -186,6 +195,14 @@ def weights_record(fitted: Fit) -> dict[str, object]:
         "normal_coverage": fitted.subject.basis.normal_coverage,
         "weights": [{"material": names[i // 3], "channel": "RGB"[i % 3], "weight": weights[i].tolist()} for i in used],
     }
+
+
+def _relative_std(fitted: Fit) -> float | None:
+    """The standard deviation of the photographed picture, as a share of it; None where a result has no posterior."""
+    if fitted.result.posteriors is None:
+        return None
+    deviation = fitted.result.image_std(fitted.subject.basis)
+    return float(deviation.norm() / fitted.image.norm())
 
 
 def summary(fitted: Fit) -> str:

@@ -6,11 +6,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from torchbrdf.brdf import RESULT, RESULT_STD, MerlTable, above_horizon
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._lit_sight import LitSight
-from torchbrdf.commands._reconstruction import Fit, weights_record
+from torchbrdf.commands._reconstruction import Fit, result_record, weights_record
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
 from torchbrdf.report import Scene, doubts_without_pictures, write_report
@@ -43,6 +44,39 @@ def ended(file: str, name: str | None) -> str:
 def in_words(names: Sequence[str]) -> str:
     """The files of a folder, for people."""
     return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def written(
+    photograph: Path,
+    folder: Path,
+    files: Sequence[str],
+    said: Sequence[str],
+    name: str | None = None,
+    outcome: str = "written",
+) -> dict[str, Any]:
+    """What a script is told of a photograph whose results are in a folder, and is found there.
+
+    said     warnings
+    name     of one of several photographs of a material
+    outcome  "written", or "kept" where it was finished before
+    """
+    record = json.loads((folder / WEIGHTS).read_text())
+    alignment = ended(_ALIGNED[0], name)
+    return {
+        "photograph": photograph,
+        "outcome": outcome,
+        "error": None,
+        "folder": folder,
+        **result_record(record),
+        "alignment": json.loads((folder / alignment).read_text()) if alignment in files else None,
+        "files": [folder / file for file in files],
+        "warnings": list(said),
+    }
+
+
+def failed(photograph: Path, error: str) -> dict[str, Any]:
+    """What a script is told of one without results."""
+    return {"photograph": photograph, "outcome": "failed", "error": error}
 
 
 def obsolete(folder: Path) -> list[str]:

@@ -5,6 +5,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from torchbrdf.progress import above_bars
+
 
 @contextmanager
 def kept(said: list[str]) -> Iterator[None]:
@@ -38,8 +40,6 @@ def about(path: Path, text: str) -> str:
 
 def say(texts: Iterable[str]) -> None:
     """Warn of each."""
-    from tqdm import tqdm
-
     for text in texts:
-        with tqdm.external_write_mode():
+        with above_bars():
             warnings.warn(text, UserWarning, stacklevel=2)

@@ -7,12 +7,12 @@ from math import cos
 from statistics import fmean
 
 import torch
-from tqdm import tqdm
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._inputs import open_probe
 from torchbrdf.estimation import BRDFEstimator, MaterialClasses
 from torchbrdf.light import LightProbe, directions_at, turned
+from torchbrdf.progress import progress_bar
 from torchbrdf.rendering import render_basis
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
@@ -93,7 +93,7 @@ def suggestions(
     others = {path: rendered(light) for path, light in opened.items() if light.fingerprint != probe.fingerprint}
     count = len(_LAMPS) + len(others) + (len(_TURNS) if isinstance(view, SphereView) else 0)
     found = []
-    for what, bases, lights, before in tqdm(added(), desc="suggestions", total=count, leave=False):
+    for what, bases, lights, before in progress_bar(added(), desc="suggestions", total=count):
         found.append(Suggestion(what, BRDFEstimator(bases, classes).rehearse(lights).error, before))
     return sorted(found, key=lambda one: one.error / max(one.before, 1e-30))
 

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import (
     add_library,
     add_light,
@@ -17,6 +18,10 @@ from torchbrdf.transport import DEFAULT_SAMPLES
 
 STATE_SUFFIX = ".unfinished"
 
+EXAMPLES = (
+    "torchbrdf bake --probe probe.exr --view shape.ply --width 0.3 -o basis.safetensors",
+)
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is rendered, and how well."""
@@ -29,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "basis images, .safetensors")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Render all basis images with Mitsuba and store them, for `torchbrdf fit --basis`.
 
     Ctrl-C keeps what is done in FILE.unfinished; the same command goes on from there.
@@ -52,6 +57,9 @@ def run(options: argparse.Namespace) -> int:
     state.unlink(missing_ok=True)
     if basis.relative_errors is not None:
         median, worst = basis.relative_errors.median(), basis.relative_errors.max()
-        print(f"estimated error of the {basis.n} images: median {median:.2%}, worst {worst:.2%}")
-    print(f"wrote {options.output}: {basis}")
+        findings.line(f"estimated error of the {basis.n} images: median {median:.2%}, worst {worst:.2%}")
+        findings.add(estimated_error={"median": median, "worst": worst})
+    findings.line(f"wrote {options.output}: {basis}")
+    findings.add(images=basis.n)
+    findings.add_files(options.output)
     return 0

@@ -1,11 +1,17 @@
 """`torchbrdf compare`: tables side by side, on a page to look at."""
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import TABLE_HELP, add_light, add_output, add_samples, add_size
 from torchbrdf.files import writing
 from torchbrdf.report import COMPARISON_SAMPLES, COMPARISON_SIZE
+
+EXAMPLES = (
+    "torchbrdf compare measured.binary result -o comparison.html",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "X.html")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Compare BRDFs with the first: spheres, slices, curves, differences, and a light to turn; one HTML page."""
     from torchbrdf.commands._inputs import labels, open_probe, open_table
     from torchbrdf.report import Comparison, write_comparison
@@ -35,11 +41,14 @@ def run(options: argparse.Namespace) -> int:
         write_comparison(temporary, comparison)
     for name, difference in zip(names[1:], comparison.differences, strict=True):
         cells = ", ".join(f"{metric} {value:.2%}" for metric, value in difference.cells.items())
-        print(
+        findings.line(
             f"{name} from {names[0]}: {cells}; picture {difference.picture:.2%}, "
             f"delta E mean {difference.delta_e_mean:.2f}, 95 % below {difference.delta_e_95:.2f}"
         )
     for caution in comparison.cautions:
-        print(f"caution: {caution}")
-    print(f"wrote {options.output}")
+        findings.line(f"caution: {caution}")
+    findings.line(f"wrote {options.output}")
+    told = [{"name": name} | asdict(one) for name, one in zip(names[1:], comparison.differences, strict=True)]
+    findings.add(reference=names[0], differences=told, cautions=comparison.cautions)
+    findings.add_files(options.output)
     return 0

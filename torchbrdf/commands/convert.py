@@ -4,7 +4,13 @@ import argparse
 from pathlib import Path
 
 from torchbrdf.brdf import METRIC_NAMES, RGL_SUFFIX, TABLE_SUFFIX
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_table
+
+EXAMPLES = (
+    "torchbrdf convert result gold.bsdf",
+    "torchbrdf convert satin_purple.bsdf satin_purple.binary",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--isotropic", action="store_true", help=text)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Convert a measured table: MERL's .binary to .bsdf and back; says what the file that was written holds of it."""
     from torchbrdf.brdf import above_horizon, cell_difference, read_table
     from torchbrdf.commands._inputs import open_table
@@ -35,11 +41,15 @@ def run(options: argparse.Namespace) -> int:
         table = read_table(options.brdf, isotropic=True) if options.isotropic else open_table(options.brdf)
         table.save(temporary, options.spectral)
         written = read_table(temporary)
-    print(f"read {table}")
-    differences = ", ".join(f"{name} {cell_difference(written, table, name):.2%}" for name in METRIC_NAMES)
+    findings.line(f"read {table}")
+    found = {name: float(cell_difference(written, table, name)) for name in METRIC_NAMES}
+    differences = ", ".join(f"{name} {value:.2%}" for name, value in found.items())
     common = float((written.valid & table.valid).sum()) / float(above_horizon().sum())
-    print(f"wrote {output}: read again, it differs by {differences}, over {common:.1%} of the cells above the horizon")
+    differs = f"it differs by {differences}, over {common:.1%} of the cells above the horizon"
+    findings.line(f"wrote {output}: read again, {differs}")
     if output.suffix.lower() == RGL_SUFFIX:
         readers = "Mitsuba's spectral variants and pbrt-v4" if options.spectral else "Mitsuba's RGB variants"
-        print(f"for {readers}; {'without' if options.spectral else 'with'} --spectral for the others")
+        findings.line(f"for {readers}; {'without' if options.spectral else 'with'} --spectral for the others")
+    findings.add(differences=found, common=common)
+    findings.add_files(output)
     return 0

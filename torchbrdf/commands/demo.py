@@ -3,10 +3,16 @@
 import argparse
 from pathlib import Path
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_output
 from torchbrdf.files import writing_folder
 
 PICTURE_SIZE = 192
+
+EXAMPLES = (
+    "torchbrdf demo",
+    "torchbrdf demo -o elsewhere",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -14,13 +20,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "folder for the results; default: torchbrdf-demo", Path("torchbrdf-demo"))
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Photograph a ball of one embedded material, recover it from the others, and compare under another light."""
     import torch
 
     from torchbrdf.brdf import MaterialLibrary
     from torchbrdf.commands._demonstration import MATERIAL, NOISE, photographed
-    from torchbrdf.commands._reconstruction import fit, summary
+    from torchbrdf.commands._reconstruction import fit, result_record, summary, weights_record
     from torchbrdf.commands._results import write_results
     from torchbrdf.images import relative_rms, write_image
     from torchbrdf.light import LightProbe
@@ -46,8 +52,12 @@ def run(options: argparse.Namespace) -> int:
         expected = render(truth, novel, large)
         got = render(fitted.table, novel, large)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
-    print(summary(fitted))
+        names = sorted(path.name for path in folder.iterdir())
+    findings.line(summary(fitted))
     error = relative_rms(got, expected, large.mask)
-    print(f"relative error under a light it was not observed under {error:.2%}")
-    print(f"open {options.output}/report.html; novel_light.png shows the truth (left) and the reconstruction (right)")
+    findings.line(f"relative error under a light it was not observed under {error:.2%}")
+    shows = "novel_light.png shows the truth (left) and the reconstruction (right)"
+    findings.line(f"open {options.output}/report.html; {shows}")
+    findings.add(material=MATERIAL, **result_record(weights_record(fitted)), relative_error_under_novel_light=error)
+    findings.add_files(*(options.output / name for name in names))
     return 0

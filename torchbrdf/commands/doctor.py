@@ -16,6 +16,7 @@ from pathlib import Path
 from textwrap import fill
 
 from torchbrdf._version import __version__
+from torchbrdf.commands._findings import Findings
 from torchbrdf.files import cache_folder
 from torchbrdf.mitsuba_startup import (
     DRJIT_CACHE_VARIABLE,
@@ -65,17 +66,22 @@ class Section:
         """One line."""
         self.lines.append((label, text))
 
+EXAMPLES = (
+    "torchbrdf doctor",
+)
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """None."""
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Say what is installed, what works here, and what to do about each problem.
 
     Nothing is changed, and what may crash runs in a process of its own. Exit status: 0 without problems, 1 with some.
     """
     problems: list[str] = []
+    told: dict[str, list[dict[str, str]]] = {}
     trial: list[Trial] = []
     parts: list[tuple[str, Callable[[Section], None]]] = [
         ("Versions", _versions),
@@ -92,11 +98,15 @@ def run(options: argparse.Namespace) -> int:
             text = f"{type(error).__name__}: {_one_line(str(error))}"
             section.add("failed", text)
             section.problems.append(f"{title}: {text}; please report this with all lines above")
-        _print(section)
+        _tell(section, findings)
+        told[section.title] = [{"label": label, "text": text} for label, text in section.lines]
         problems += section.problems
-    _say("Problems" if problems else "no problems found")
+    findings.line(_printable("Problems" if problems else "no problems found"))
     for i, problem in enumerate(problems, 1):
-        _say(_filled(problem, f"  {i}. "))
+        findings.line(_printable(_filled(problem, f"  {i}. ")))
+    findings.add(sections=told, problems=problems)
+    if problems:
+        findings.failed(f"{len(problems)} problem{'s' * (len(problems) > 1)} found")
     return 1 if problems else 0
 
 
@@ -266,12 +276,12 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _print(section: Section) -> None:
-    _say(section.title)
+def _tell(section: Section, findings: Findings) -> None:
+    findings.line(_printable(section.title))
     width = max((len(label) for label, _ in section.lines), default=0) + 4
     for label, text in section.lines:
-        _say(_filled(text, f"  {label}".ljust(width)))
-    _say("")
+        findings.line(_printable(_filled(text, f"  {label}".ljust(width))))
+    findings.line("", at_once=True)
 
 
 def _filled(text: str, start: str) -> str:
@@ -282,7 +292,7 @@ def _filled(text: str, start: str) -> str:
                 break_on_hyphens=False)  # fmt: skip
 
 
-def _say(text: str) -> None:
-    """Print, with escapes for what the terminal's encoding does not hold."""
+def _printable(text: str) -> str:
+    """The text with escapes for what the terminal's encoding does not hold."""
     encoding = sys.stdout.encoding or "ascii"
-    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+    return text.encode(encoding, "backslashreplace").decode(encoding)

@@ -6,10 +6,16 @@ from typing import get_args
 
 from torchbrdf.alignment import Range
 from torchbrdf.brdf import RESULT_STD
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
 _ONLY_WITH_ALIGN = ("search", "keep_silhouette", "blur", "exposure", "white_balance")
+
+EXAMPLES = (
+    "torchbrdf fit ball.exr --probe probe.exr --fov 24 -o result",
+    "torchbrdf fit photographs/ --probe probe.exr --align --no-report --json -o results > found.json",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "folder for brdf.binary, weights.json, fitted.exr and report.html")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Recover the BRDF of a photographed ball, or another known shape: brdf.binary, weights.json, report.html."""
     from torchbrdf.commands._photographs import photographs
 
@@ -55,15 +61,15 @@ def run(options: argparse.Namespace) -> int:
     if options.same_material and len(given) > 1:
         from torchbrdf.commands._joint import fit_together
 
-        return fit_together(options, given)
+        return fit_together(options, given, findings)
     if options.same_material or (len(given) == 1 and not options.photos[0].is_dir()):
-        return _fit_one(given[0].its(options))
+        return _fit_one(given[0].its(options), findings)
     from torchbrdf.commands._batch import fit_each
 
-    return fit_each(options, given)
+    return fit_each(options, given, findings)
 
 
-def _fit_one(options: argparse.Namespace) -> int:
+def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._lit_sight import Inputs, lit_sight
     from torchbrdf.commands._reconstruction import summary, weights_record
     from torchbrdf.commands._results import (
@@ -75,6 +81,7 @@ def _fit_one(options: argparse.Namespace) -> int:
         write_table,
         write_views,
         write_weights,
+        written,
     )
 
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
@@ -88,12 +95,15 @@ def _fit_one(options: argparse.Namespace) -> int:
         write_table(folder, fitted, options.uncertainty)
         write_views(folder, lit, fitted, options)
         write_weights(folder, weights_record(fitted) | {"primaries": options.primaries})
-    print(f"photograph {lit.about}")
-    print(f"light {lit.light}; {setting.basis.description}")
+    files = products(options)
+    findings.line(f"photograph {lit.about}")
+    findings.line(f"light {lit.light}; {setting.basis.description}")
     if lit.found is not None:
-        print(lit.found)
-    print(summary(fitted))
-    print(f"wrote {options.output}/{in_words(products(options))}")
+        findings.line(lit.found)
+    findings.line(summary(fitted))
+    findings.line(f"wrote {options.output}/{in_words(files)}")
+    findings.add_files(*(options.output / file for file in files))
+    findings.add(photographs=[written(options.photo, options.output, files, findings.warnings)])
     return 0
 
 

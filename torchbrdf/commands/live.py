@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_camera, add_estimation, add_light, add_reading, add_shape, whole_number
 
 if TYPE_CHECKING:
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
 
 PIXELS = 128
 _OF_A_PHOTOGRAPH = ("probe", "library", "mask", "circle", "ball", "size", "focal_mm", "principal", "distortion")
+
+EXAMPLES = (
+    "torchbrdf live",
+    "torchbrdf live ball.exr --probe probe.exr --fov 24 --light other.hdr",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-browser", action="store_true", help="print the page's address, and open no browser")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Turn the light around spheres of the recovered BRDF and of each class's candidate, in the browser."""
     import threading
     import webbrowser
@@ -45,14 +51,14 @@ def run(options: argparse.Namespace) -> int:
 
     with listen(options.port) as listener:  # before the fit: a port that is in use is known at once
         title, fitted, library, probe = _recovered(options)
-        print(summary(fitted))
+        findings.line(summary(fitted))
         if options.light is not None:
             probe = _other_light(options)
         torch.set_num_threads(max(1, torch.get_num_threads() - 1))  # the browser needs a core
         spheres = Relighter.of(library, fitted.result, probe, options.pixels)
         name = PurePath(probe.name.removeprefix("light probe ")).name
         with LiveServer(spheres, listener, title, name) as server:
-            print(f"{server.url} shows it; Ctrl-C ends it", flush=True)
+            findings.line(f"{server.url} shows it; Ctrl-C ends it", at_once=True)
             if not options.no_browser:
                 threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
             server.serve_until_interrupted()

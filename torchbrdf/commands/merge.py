@@ -5,9 +5,15 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.brackets import Response
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_output, add_strict, number
 from torchbrdf.files import writing
 from torchbrdf.images import ColourSpace
+
+EXAMPLES = (
+    "torchbrdf merge IMG_0001.CR2 IMG_0002.CR2 IMG_0003.CR2 -o ball.exr",
+    "torchbrdf merge dark.jpg bright.jpg --times 1/250 1/15 --like ball.exr -o probe.exr",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +43,7 @@ def seconds(text: str) -> float:
     return above(numerator) / above(denominator) if slash else above(text)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Merge brackets, a scene at several exposures, into one linear HDR picture for `fit` and `--probe`."""
     from numpy import errstate
 
@@ -59,6 +65,8 @@ def run(options: argparse.Namespace) -> int:
         )
         write_image(temporary, merged.image, merged.attributes, primaries=merged.calibration.primaries)
     for line in merged.about:
-        print(line)
-    print(f"wrote {options.output}")
+        findings.line(line)
+    findings.line(f"wrote {options.output}")
+    findings.add(about=merged.about, primaries=merged.calibration.primaries)
+    findings.add_files(options.output)
     return 0

@@ -3,10 +3,16 @@
 import argparse
 from pathlib import Path
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_library, add_light, add_shape, add_size
 
 _SIZE = 64
 _SHOWN = 5
+
+EXAMPLES = (
+    "torchbrdf observe --probe probe.exr",
+    "torchbrdf observe --probe probe.exr --suggest --probes window.exr lamp.exr",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -19,18 +25,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--suggest", action="store_true", help=text)
     text = "with --suggest: other light probes to choose the second photograph's from, read as --probe is"
     parser.add_argument("--probes", nargs="+", default=[], type=Path, metavar="FILE", help=text)
-    parser.add_argument("--json", action="store_true", help="print JSON instead of lines")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Say what photographs under a light will tell of a material, and how far off it will be under other light.
 
     The library's own materials are photographed under the light by its basis images, recovered each from the others,
     and shown under other light: the probe from three other sides, and the embedded one. With --suggest, so are they
     with a second photograph, the camera gone round the ball or under another probe, or with a lamp added.
     """
-    import json
-
     from torchbrdf.commands._inputs import open_library, open_probe, open_view
     from torchbrdf.commands._suggestions import suggestions
     from torchbrdf.estimation import BRDFEstimator, MaterialClasses
@@ -48,20 +51,19 @@ def run(options: argparse.Namespace) -> int:
     assert found.rehearsal is not None
     expected = found.rehearsal.error
     told = suggestions(options, library, classes, view, probe, basis, novel, expected) if options.suggest else []
-    if options.json:
-        values = {
-            "predicted_error": expected,
-            "predicted_error_by_kind": found.rehearsal.by_kind,
-            "verdict": found.verdict,
-            "highlight": found.highlight,
-            "grazing": found.grazing,
-            "dark": found.dark,
-            "freedom": found.whole,
-        }
-        listed = [{"what": one.what, "predicted_error": one.error, "before": one.before} for one in told]
-        print(json.dumps(values | ({"suggestions": listed} if options.suggest else {}), indent=2))
-        return 0
-    print(found.verdict)
+    findings.line(found.verdict)
     for one in told[:_SHOWN]:
-        print(f"  {one}")
+        findings.line(f"  {one}")
+    findings.add(
+        predicted_error=expected,
+        predicted_error_by_kind=found.rehearsal.by_kind,
+        verdict=found.verdict,
+        highlight=found.highlight,
+        grazing=found.grazing,
+        dark=found.dark,
+        freedom=found.whole,
+    )
+    if options.suggest:
+        listed = [{"what": one.what, "predicted_error": one.error, "before": one.before} for one in told]
+        findings.add(suggestions=listed)
     return 0

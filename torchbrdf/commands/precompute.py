@@ -2,7 +2,12 @@
 
 import argparse
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_library
+
+EXAMPLES = (
+    "torchbrdf precompute --library merl/",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -13,11 +18,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Precompute the harmonic transport of a library: basis images of a ball then take a tenth of a second or two."""
     from torchbrdf.commands._inputs import open_library
     from torchbrdf.transport.harmonic import transport_of
 
     transport = transport_of(open_library(options), progress=True, perspective=not options.orthographic)
-    print(f"ready: {transport!r}")
+    findings.line(f"ready: {transport!r}")
+    findings.add(transport=repr(transport))
     return 0

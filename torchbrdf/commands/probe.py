@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import LARGEST_SIZE, add_camera, add_output, add_strict, number, whole_number
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace
@@ -23,6 +24,11 @@ _LEAST_METAL = 0.25
 
 _ANOTHER_SIDE = 20.0
 """Degrees between two cameras, below which the second shows little more than the first."""
+
+EXAMPLES = (
+    "torchbrdf probe mirror.exr --fov 24 --metal Cr -o probe.exr",
+    "torchbrdf probe front.exr side.exr --focal-mm 85 --sensor-mm 36 --mirror-reflectance 0.6 -o probe.exr",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "the light probe, lat-long, .exr")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Unwrap a photograph of a mirror ball, or two, into a lat-long light probe in the frame of the first camera."""
     from torchbrdf.light import LightProbe
     from torchbrdf.light.mirror import unwrapped
@@ -73,10 +79,20 @@ def run(options: argparse.Namespace) -> int:
     with writing(options.output) as temporary:
         probe.save(temporary, options.primaries, {"mirrorBall": "; ".join((*sights, reflects, *_told(found)))})
     for line in (*sights, reflects, *_told(found)):
-        print(line)
+        findings.line(line)
     for warning in _doubts(options, found):
         warnings.warn(warning, UserWarning, stacklevel=2)
-    print(f"wrote {options.output}")
+    findings.line(f"wrote {options.output}")
+    kinds = {"reflected": found.reflected, "beside": found.beside, "filled": found.filled}
+    findings.add(
+        about=[*sights, reflects, *_told(found)],
+        size=found.reflected.shape,
+        share_of_sphere={kind: found.share(where) for kind, where in kinds.items()},
+        share_of_light={kind: found.light(where) for kind, where in kinds.items()},
+        turn_degrees=None if found.turn is None else found.turn.degrees,
+        gain=None if found.turn is None else found.turn.gain,
+    )
+    findings.add_files(options.output)
     return 0
 
 

@@ -2,8 +2,13 @@
 
 import argparse
 
+from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_light, add_output, add_samples, add_size, add_table, number
 from torchbrdf.files import writing
+
+EXAMPLES = (
+    "torchbrdf render result --probe other.hdr -o other.png --size 512",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, findings: Findings) -> int:
     """Render a sphere of a BRDF under a light probe, as .exr, .hdr or .png."""
     from torchbrdf.commands._inputs import open_probe, open_table
     from torchbrdf.images import check_image_suffix, write_image
@@ -30,5 +35,6 @@ def run(options: argparse.Namespace) -> int:
         image = render(table, probe, SphereView(options.size), options.samples)
         exposure = options.exposure if options.output.suffix.lower() == ".png" else 1.0
         write_image(temporary, image * exposure, primaries=options.primaries)
-    print(f"wrote {options.output}")
+    findings.line(f"wrote {options.output}")
+    findings.add_files(options.output)
     return 0

@@ -9,17 +9,18 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.files import writing
 from torchbrdf.light import LightProbe
 from torchbrdf.mitsuba_backend._light_paths import N_NUMBERS, LightPaths
+from torchbrdf.progress import progress_bar
 from torchbrdf.transport import DEFAULT_SAMPLES, BasisImages, TransportSamples, gather_columns
 from torchbrdf.view import View
 
@@ -143,7 +144,8 @@ def bake_basis(
     paths = LightPaths(view, probe)
     size = max(1, min(_LARGEST_PASS, samples // _PASSES))
     saved, cost = time.monotonic(), 0.0
-    with tqdm(total=samples, initial=done.samples, desc="baking", unit="sample", disable=not progress) as bar:
+    measure: dict[str, Any] = {"total": samples, "initial": done.samples, "unit": "sample"}
+    with progress_bar(desc="baking", shown=progress, leave=True, **measure) as bar:
         try:
             while done.samples < samples:
                 count = min(size, samples - done.samples)

@@ -103,14 +103,15 @@ View: $view
 """)
 
 
-def export_scene(table: MerlTable, probe: LightProbe, view: View, folder: str | os.PathLike[str]) -> None:
+def export_scene(table: MerlTable, probe: LightProbe, view: View, folder: str | os.PathLike[str]) -> list[Path]:
     """Write a folder with a Mitsuba scene of a material, and a script that renders it with `python render.py`.
 
     table   the material, for one: `result.brdf(library)` of a reconstruction
     view    a SphereView or a MeshView: the shape and the camera
     folder  gets scene.xml, brdf.binary, probe.exr, render.py, README.txt, and mesh.ply of a MeshView; whole or absent
     The scene renders what `torchbrdf.render` gives, light that is reflected once, always with the shadows that a mesh
-    casts on itself. Raises ValueError for a view without a shape, OSError where the folder cannot be written.
+    casts on itself. Returns the paths of these files. Raises ValueError for a view without a shape, OSError where the
+    folder cannot be written.
     """
     scene = scene_xml(view)
     with writing_folder(folder) as temporary:
@@ -123,6 +124,8 @@ def export_scene(table: MerlTable, probe: LightProbe, view: View, folder: str | 
         probe.save(temporary / PROBE)
         if isinstance(view, MeshView):
             view.mesh.save(temporary / MESH)
+        names = sorted(os.listdir(temporary))
+    return [Path(folder) / name for name in names]
 
 
 def scene_xml(view: View) -> str:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.brdf import GRID, MaterialLibrary
 from torchbrdf.images import LUMINANCE
 from torchbrdf.light import LightProbe, LightStrata
+from torchbrdf.progress import progress_bar
 from torchbrdf.transport._importance import Lobes, allocate, representatives
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.sampling import LEAST, TransportSampler, TransportSamples
@@ -63,7 +63,7 @@ def render_columns(
     """(3, P, n): the images of columns (N_CELLS, n), in their units."""
     plan = plan_transport(columns, probe, view, samples, seed, adaptive)
     packed = torch.empty(3, len(view.pixels), columns.shape[1], device=columns.device)
-    with tqdm(total=len(view.pixels), desc="basis images", unit="px", disable=not progress, leave=False) as bar:
+    with progress_bar(total=len(view.pixels), desc="basis images", unit="px", shown=progress) as bar:
         for chosen, transport in plan.blocks():
             packed[:, chosen] = gather_columns(transport, columns)
             bar.update(len(chosen))

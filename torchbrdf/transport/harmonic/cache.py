@@ -18,11 +18,11 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
-from tqdm import tqdm
 
 from torchbrdf.brdf import MaterialLibrary, Part, StoredColumns, column_norms, columns_of
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
+from torchbrdf.progress import progress_bar
 from torchbrdf.transport.harmonic._kernels import (
     Band,
     Kernels,
@@ -152,7 +152,7 @@ def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, pro
     everything = [(order, zone, rings) for order in orders for zone in zones() for rings in zone.groups]
     norms = column_norms(stored)
     what = "harmonic transport" + (", perspective" if perspective else "")
-    for i, key in enumerate(tqdm(everything, what, disable=not progress, leave=False)):
+    for i, key in enumerate(progress_bar(everything, desc=what, shown=progress)):
         part = None if parts is None else parts / f"{i}.safetensors"
         known = None if part is None else _read(part)
         if known is None:

@@ -1,0 +1,97 @@
+"""What a command found: lines for people as they come, or one JSON document for scripts at the end."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, redirect_stdout
+from math import isfinite
+from pathlib import Path
+from typing import Any, Self
+
+from torchbrdf._version import __version__
+from torchbrdf.progress import above_bars, no_progress
+
+
+class Findings:
+    """The way of a command to standard output.
+
+    warnings  all that were said
+    error     what ended the command; None where nothing did
+    """
+
+    def __init__(self, command: str | None, quiet: bool = False, as_json: bool = False) -> None:
+        """Nothing is found yet.
+
+        command  its name; None where options were too bad to tell
+        quiet    neither lines nor bars of progress
+        as_json  the document, and no lines
+        """
+        self._command, self._quiet, self._as_json = command, quiet, as_json
+        self._values: dict[str, Any] = {}
+        self._files: list[str] = []
+        self.warnings: list[str] = []
+        self.error: str | None = None
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Self:
+        """As the options of a command ask for it."""
+        return cls(options.command, getattr(options, "quiet", False), getattr(options, "json", False))
+
+    def line(self, text: object, at_once: bool = False) -> None:
+        """Print a line, or several, for people; `at_once` for one that is waited for."""
+        if not (self._quiet or self._as_json):
+            with above_bars():
+                print(text, flush=at_once)
+
+    def add(self, **values: Any) -> None:
+        """Values for scripts: whatever JSON holds, paths, tensors, and mappings and sequences of them."""
+        self._values |= values
+
+    def add_files(self, *paths: str | Path) -> None:
+        """Files that were written."""
+        self._files += map(str, paths)
+
+    def failed(self, message: str) -> None:
+        """What ended the command."""
+        self.error = message
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """The block in which the command runs: standard output is for the document where that is asked for."""
+        with ExitStack() as block:
+            if self._quiet:
+                block.enter_context(no_progress())
+            if self._as_json:
+                block.enter_context(redirect_stdout(sys.stderr))
+            yield
+
+    def finish(self, status: int) -> None:
+        """Print the document where that is asked for."""
+        if self._as_json:
+            print(json.dumps(self.document(status), indent=2, allow_nan=False), flush=True)
+
+    def document(self, status: int) -> dict[str, Any]:
+        """What a script reads: what all commands tell, then what this one found."""
+        told = {
+            "command": self._command,
+            "version": __version__,
+            "status": status,
+            "error": self.error,
+            "warnings": self.warnings,
+            "files": self._files,
+        }
+        return {key: _plain(value) for key, value in (told | self._values).items()}
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON holds it; numbers that are not finite are null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not isfinite(value) else value
