@@ -125,14 +125,15 @@ class _Batch:
             return False
         say(said)
         self.known.append(one)
-        self._done_with(one, said, outcome="kept")
+        self._done_with(one, said)
         return True
 
-    def _done_with(self, one: Photograph, said: Sequence[str], outcome: str) -> None:
+    def _done_with(self, one: Photograph, said: Sequence[str], fitted: Fit | None = None) -> None:
         """Results are there: tell of them."""
         folder, files = self._options.output / one.name, products(self._options)
-        self.told[one] = written(one.path, folder, files, said, outcome=outcome)
-        if outcome == "written":
+        if self._options.json:
+            self.told[one] = written(one.path, folder, files, said, fitted)
+        if fitted is not None:
             self._findings.add_files(*(folder / file for file in files))
         self._advance()
 
@@ -166,7 +167,7 @@ class _Batch:
     def _finish(self, one: _Seen, fitted: Fit) -> None:
         def done() -> None:
             self._findings.line(f"{one.photograph.name}: {summary(fitted)}")
-            self._done_with(one.photograph, one.said, outcome="written")
+            self._done_with(one.photograph, one.said, fitted)
 
         if self._options.no_report:
             with said_of(one.photograph.path, one.said):

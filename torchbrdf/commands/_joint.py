@@ -60,14 +60,13 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
     findings.line(summary(whole))
     findings.line(f"wrote {options.output}/{in_words(files)}")
     findings.add_files(*(options.output / file for file in files))
-    findings.add(
-        photographs=[
-            written(one.path, options.output, products(options, [one.name]), said[one], one.name)
-            | {"relative_error": view["relative_error"]}
-            for one, view in zip(photographs, views, strict=True)
-        ],
-        joint_relative_error=whole.result.relative_error,
-    )
+    if options.json:
+        told = [
+            written(one.path, options.output, products(options, [one.name]), said[one], fitted, one.name)
+            | {"relative_error": fitted.result.relative_error}
+            for one, fitted in zip(photographs, fits, strict=True)
+        ]
+        findings.add(photographs=told, joint_relative_error=whole.result.relative_error)
     return 0
 
 

@@ -172,9 +172,13 @@ def fit(
 
 def result_record(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a script is told of a result, from its `weights_record`."""
-    told = ("relative_error", "relative_std", "class", "class_probabilities", "class_errors", "normal_coverage")
-    most = {"class_probability": record["class_probabilities"][record["class"]]}
-    return {key: record.get(key) for key in told} | most
+    return {
+        "relative_error": record["relative_error"],
+        "class": record["class"],
+        "class_probability": record["class_probabilities"][record["class"]],
+        "class_probabilities": record["class_probabilities"],
+        "normal_coverage": record["normal_coverage"],
+    }
 
 
 def weights_record(fitted: Fit) -> dict[str, object]:
@@ -187,7 +191,6 @@ def weights_record(fitted: Fit) -> dict[str, object]:
         "class_probabilities": fitted.result.class_probabilities.tolist(),
         "class_errors": fitted.result.class_errors.tolist(),
         "relative_error": float(fitted.result.relative_error),
-        "relative_std": _relative_std(fitted),
         "penalty": fitted.estimator.penalty,
         "constraint": fitted.estimator.constraint,
         "robust": fitted.estimator.robust,
@@ -197,8 +200,11 @@ def weights_record(fitted: Fit) -> dict[str, object]:
     }
 
 
-def _relative_std(fitted: Fit) -> float | None:
-    """The standard deviation of the photographed picture, as a share of it; None where a result has no posterior."""
+def relative_std(fitted: Fit) -> float | None:
+    """The standard deviation of the photograph as explained, a share of it; None where a result has no posterior.
+
+    It takes 0.15 s: it is for those who ask.
+    """
     if fitted.result.posteriors is None:
         return None
     deviation = fitted.result.image_std(fitted.subject.basis)

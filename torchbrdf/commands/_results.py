@@ -11,7 +11,7 @@ from typing import Any
 from torchbrdf.brdf import RESULT, RESULT_STD, MerlTable, above_horizon
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._lit_sight import LitSight
-from torchbrdf.commands._reconstruction import Fit, result_record, weights_record
+from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
 from torchbrdf.report import Scene, doubts_without_pictures, write_report
@@ -51,23 +51,24 @@ def written(
     folder: Path,
     files: Sequence[str],
     said: Sequence[str],
+    fitted: Fit | None,
     name: str | None = None,
-    outcome: str = "written",
 ) -> dict[str, Any]:
     """What a script is told of a photograph whose results are in a folder, and is found there.
 
-    said     warnings
-    name     of one of several photographs of a material
-    outcome  "written", or "kept" where it was finished before
+    said    warnings
+    fitted  None where it was finished before
+    name    of one of several photographs of a material
     """
     record = json.loads((folder / WEIGHTS).read_text())
     alignment = ended(_ALIGNED[0], name)
     return {
         "photograph": photograph,
-        "outcome": outcome,
+        "outcome": "kept" if fitted is None else "written",
         "error": None,
         "folder": folder,
         **result_record(record),
+        "relative_std": None if fitted is None else relative_std(fitted),
         "alignment": json.loads((folder / alignment).read_text()) if alignment in files else None,
         "files": [folder / file for file in files],
         "warnings": list(said),

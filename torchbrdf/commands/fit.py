@@ -103,7 +103,8 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     findings.line(summary(fitted))
     findings.line(f"wrote {options.output}/{in_words(files)}")
     findings.add_files(*(options.output / file for file in files))
-    findings.add(photographs=[written(options.photo, options.output, files, findings.warnings)])
+    if options.json:
+        findings.add(photographs=[written(options.photo, options.output, files, findings.warnings, fitted)])
     return 0
 
 
