@@ -2,12 +2,15 @@
 
 import argparse
 import contextlib
+import io
+import re
 import signal
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
-from torchbrdf.command_line import Parser, exit_status
+from torchbrdf.command_line import BadUsageError, Parser, exit_status, in_colour, say
 from torchbrdf.files import writing
 from torchbrdf.mitsuba_startup import MitsubaUnavailableError
 
@@ -117,9 +120,10 @@ def test_other_errors_of_a_script_keep_their_traceback() -> None:
 def test_options_that_are_wrong_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     parser = Parser(prog="bake")
     parser.add_argument("--size", type=int)
-    with pytest.raises(SystemExit) as left:
+    with pytest.raises(BadUsageError) as left:
         parser.parse_args(["--size", "much"])
     assert left.value.code == 2
+    assert left.value.message == "argument --size: invalid int value: 'much'; see `bake --help`"
     assert capsys.readouterr().err == "bake: error: argument --size: invalid int value: 'much'; see `bake --help`\n"
 
 
@@ -137,3 +141,90 @@ def test_an_interruption_that_speaks_is_heard(capsys: pytest.CaptureFixture[str]
 
     assert exit_status("bake", run, argparse.Namespace(), interrupted="nothing was written") == 130
     assert capsys.readouterr().err == "bake: half is done; go on\n"
+
+
+@pytest.mark.parametrize(
+    ("outcome", "told"),
+    [
+        (ValueError("no such light"), ["no such light"]),
+        (ValueError(""), [""]),
+        (KeyboardInterrupt("half is done"), ["half is done"]),
+        (KeyboardInterrupt(), ["run it again"]),
+        (None, []),
+    ],
+)
+def test_what_is_said_of_an_end_is_told(outcome: BaseException | None, told: list[str]) -> None:
+    def run(_: argparse.Namespace) -> None:
+        if outcome is not None:
+            raise outcome
+
+    heard: list[str] = []
+    exit_status("bake", run, argparse.Namespace(), "run it again", told=heard.append)
+    assert heard == told
+
+
+def test_paragraphs_of_help_stay_apart_and_examples_as_they_are() -> None:
+    long = "word " * 30
+    example = "for example:\n    bake  --size   4 " + "x" * 90
+    text = Parser(prog="bake", description=f"First.\n\n{long}\n\nLast.", epilog=example).format_help()
+    first, wrapped, last = text.split("\n\n")[1:4]
+    assert (first, last) == ("First.", "Last.")
+    assert wrapped.split() == long.split()
+    assert len(wrapped.splitlines()) > 1
+    assert example in text
+
+
+class TestColours:
+    """On terminals alone, which pytest's streams are none of."""
+
+    @pytest.fixture(autouse=True)
+    def plain_environment(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        for name in ("NO_COLOR", "FORCE_COLOR"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.setattr("os.name", "posix")
+
+    @pytest.mark.parametrize(
+        ("terminal", "environment", "coloured"),
+        [
+            (True, {}, True),
+            (False, {}, False),
+            (True, {"NO_COLOR": "1"}, False),
+            (True, {"NO_COLOR": ""}, True),
+            (True, {"TERM": "dumb"}, False),
+            (False, {"FORCE_COLOR": "1"}, True),
+            (True, {"FORCE_COLOR": "1", "TERM": "dumb"}, True),
+            (True, {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
+            (False, {"FORCE_COLOR": ""}, False),
+        ],
+    )
+    def test_where(
+        self, terminal: bool, environment: dict[str, str], coloured: bool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        class Stream(io.StringIO):
+            def isatty(self) -> bool:
+                return terminal
+
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value)
+        assert in_colour(Stream()) == coloured
+
+    @pytest.mark.parametrize("label", ["error", "warning"])
+    def test_only_the_label_is_coloured(
+        self, label: Literal["error", "warning"], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        say("bake", "too  bright", label)
+        plain = capsys.readouterr().err
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        say("bake", "too  bright", label)
+        coloured = capsys.readouterr().err
+        assert plain == f"bake: {label}: too bright\n"
+        assert re.sub(r"\x1b\[[\d;]*m", "", coloured) == plain
+        assert re.fullmatch(rf"bake: \x1b\[[\d;]+m{label}:\x1b\[0m too bright\n", coloured)
+
+    def test_what_is_no_error_stays_plain(
+        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        say("bake", "interrupted; nothing was written")
+        assert capsys.readouterr().err == "bake: interrupted; nothing was written\n"

@@ -44,6 +44,12 @@ _VALUES: dict[str, tuple[Sequence[str], Sequence[str]]] = {
 }
 """Suffixes of files, and words, that an option or argument takes, by its destination."""
 
+_AMENDED = {
+    "bash": ('positional" = true )', 'positional" = true || "$current_action_nargs" = "+" )'),
+    "zsh": ('"(*):', '"*:'),
+}
+"""Of shtab's scripts: in bash an option may follow one that takes several files, in zsh all arguments are completed."""
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Which shell."""
@@ -65,8 +71,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
             action.complete = _completer(action.dest)  # type: ignore[attr-defined]
         if options.shell == "zsh" and action.option_strings:
             action.metavar = _arguments_in_zsh(action)
-    script = complete(whole, options.shell)
-    findings.line(script.replace('"(*):', '"*:'))  # zsh: an argument that is repeated is completed each time
+    findings.line(complete(whole, options.shell).replace(*_AMENDED[options.shell]))
     return 0
 
 
