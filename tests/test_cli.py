@@ -1,6 +1,9 @@
 """The command line: every kind of bad input gives exit status 2, one line and no output; good input gives files."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -254,3 +257,34 @@ def test_an_input_is_not_written_over(capsys, tmp_path, monkeypatch, arguments):
     said = "kept.exr: the output is an input, which would be lost; give the output another name"
     assert capsys.readouterr().err == f"torchbrdf: error: {said}\n"
     assert (tmp_path / "kept.exr").read_bytes() == b"an exposure"
+
+
+def run_as_module(*words: str, stderr: int, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess:
+    kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
+    command = [sys.executable, "-m", "torchbrdf", *words]
+    return subprocess.run(
+        command, stdout=subprocess.PIPE, stderr=stderr, text=True, env=kept | {"TERM": "xterm"} | (environment or {})
+    )
+
+
+def test_the_package_is_the_program():
+    """Under the same name."""
+    assert run_as_module("--version", stderr=subprocess.PIPE).stdout == f"torchbrdf {tb.__version__}\n"
+    ran = run_as_module("render", stderr=subprocess.PIPE)
+    assert ran.returncode == 2
+    assert ran.stderr.startswith("torchbrdf: error: the following arguments are required: BRDF")
+    assert ran.stderr.endswith("; see `torchbrdf render --help`\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="this system has no pseudo-terminals")
+@pytest.mark.parametrize(("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)])
+def test_errors_have_a_colour_on_a_terminal(environment, coloured):
+    ours, theirs = os.openpty()
+    try:
+        ran = run_as_module("paint", stderr=theirs, environment=environment)
+        said = os.read(ours, 4096).decode()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert said.startswith("torchbrdf: \x1b[1;31merror:\x1b[0m argument" if coloured else "torchbrdf: error: argument")

@@ -160,6 +160,53 @@ def test_a_bad_file_stops_no_other(fit: Fit, photos: Path, probe: Path, tmp_path
     assert lines[-1].endswith("; 2 failed: broken, night")
 
 
+class TestForScripts:
+    """One document, whatever becomes of each."""
+
+    def test_each_is_told_of_also_what_failed(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
+        (photos / "broken.exr").write_text("no picture")
+        status, lines, errors = fit(photos, "--probe", probe, "--json")
+        document = json.loads("\n".join(lines))
+        assert (status, document["status"], document["error"]) == (2, 2, "1 failed: broken")
+        found = {Path(one["photograph"]).stem: one for one in document["photographs"]}
+        assert list(found) == ["broken", "holed", "paint", "satin"]
+        assert found["broken"].keys() == {"photograph", "outcome", "error"}
+        assert errors[-1] == f"torchbrdf: error: {found['broken']['error']}"
+        assert {name for name in found if found[name]["outcome"] == "written"} == {"holed", "paint", "satin"}
+        for name in ("holed", "paint", "satin"):
+            folder = tmp_path / "out" / name
+            assert {Path(path) for path in found[name]["files"]} == set(folder.iterdir())
+            record = json.loads((folder / "weights.json").read_text())
+            assert found[name]["relative_error"] == record["relative_error"]
+            assert found[name]["warnings"] == record["warnings"]
+        assert len(document["files"]) == 3 * len(FILES)
+
+    def test_what_was_finished_is_kept(self, fit: Fit, photos: Path, probe: Path):
+        """Whether a script read the first run or a person; what the first had to compute for a script is not there."""
+        fit(photos, "--probe", probe)
+        document = json.loads("\n".join(fit(photos, "--probe", probe, "--json")[1]))
+        assert [one["outcome"] for one in document["photographs"]] == ["kept"] * 3
+        assert all(one["relative_error"] < 0.05 and one["relative_std"] is None for one in document["photographs"])
+        assert document["files"] == []
+
+    def test_photographs_of_one_material(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
+        given = photos / "paint.exr", photos / "satin.exr"
+        document = json.loads("\n".join(fit(*given, "--same-material", "--probe", probe, "--json")[1]))
+        record = json.loads((tmp_path / "out" / "weights.json").read_text())
+        assert document["joint_relative_error"] == record["relative_error"]
+        errors = [one["relative_error"] for one in document["photographs"]]
+        assert errors == [view["relative_error"] for view in record["photographs"]]
+        for one, path in zip(document["photographs"], given, strict=True):
+            assert (one["photograph"], one["class"]) == (str(path), record["class"])
+            assert {Path(file).name for file in one["files"]} == {
+                "brdf.binary", "weights.json", f"fitted_{path.stem}.exr"
+            }  # fmt: skip
+
+    def test_quiet_prints_nothing(self, fit: Fit, photos: Path, probe: Path, capfd: pytest.CaptureFixture[str]):
+        assert fit(photos / "paint.exr", photos / "satin.exr", "--probe", probe, "--quiet") == (0, [], [])
+        assert "photographs" not in capfd.readouterr().err
+
+
 def test_what_all_need_is_refused_once(capsys: pytest.CaptureFixture[str], photos: Path, tmp_path: Path):
     line = fails(capsys, "fit", photos, "--probe", tmp_path / "no.exr", "--no-report", "-o", tmp_path / "out")
     assert f"{tmp_path / 'no.exr'}: no such file" in line

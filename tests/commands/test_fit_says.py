@@ -152,3 +152,59 @@ def test_a_number_of_a_ball_needs_balls_that_are_found(fit, photo, other):
 def test_the_field_of_view_is_that_of_the_whole_photograph(fit, photo):
     _, lines, _ = fit(photo, "--circle", 44, 27, 24, "--fov", 60)
     assert "radius 24.0 pixels, as given, 5.5 degrees off the axis of a camera of 60 degrees across, as " in lines[0]
+
+
+class TestForScripts:
+    @pytest.fixture
+    def told(self, fit, photo):
+        """Of the photograph with its mask: exit status, the document, and lines on stderr."""
+
+        def run(*more: object) -> tuple[int, dict, list[str]]:
+            status, lines, errors = fit(photo, "--mask", photo.parent / "mask.png", "--json", *more)
+            return status, json.loads("\n".join(lines)), errors
+
+        return run
+
+    def test_what_was_found(self, told, photo, reports, tmp_path):
+        reports += ["The weights oscillate."]
+        status, document, errors = told()
+        (found,) = document["photographs"]
+        record = json.loads((tmp_path / "out" / "weights.json").read_text())
+        assert (status, document["status"], document["error"]) == (0, 0, None)
+        assert (found["photograph"], found["folder"]) == (str(photo), str(tmp_path / "out"))
+        assert (found["outcome"], found["error"], found["alignment"]) == ("written", None, None)
+        assert (found["relative_error"], found["class"]) == (record["relative_error"], record["class"])
+        assert found["class_probability"] == max(record["class_probabilities"])
+        assert 0 < found["relative_std"] < 1
+        assert found["warnings"] == document["warnings"] == ["The weights oscillate."]
+        assert errors == ["torchbrdf: warning: The weights oscillate."]
+        assert found["files"] == document["files"]
+        assert {Path(path) for path in found["files"]} == set((tmp_path / "out").iterdir())
+
+    @pytest.mark.usefixtures("reports")
+    def test_a_fixed_penalty_tells_no_deviation(self, told):
+        """It has no posterior."""
+        _, document, _ = told("--penalty", "paper")
+        assert document["photographs"][0]["relative_std"] is None
+
+    @pytest.mark.usefixtures("reports")
+    def test_the_alignment(self, told, tmp_path):
+        _, document, _ = told("--align", "--keep-silhouette", "--exposure")
+        found = document["photographs"][0]["alignment"]
+        assert found == json.loads((tmp_path / "out" / "alignment.json").read_text())
+        assert len(found["exposure"]) == 3
+        assert str(tmp_path / "out" / "aligned_probe.exr") in document["files"]
+
+    def test_bad_input_writes_nothing(self, fit, tmp_path):
+        tb.write_image(tmp_path / "wall.exr", photographed((60, 90), []))
+        status, lines, errors = fit(tmp_path / "wall.exr", "--json")
+        document = json.loads("\n".join(lines))
+        assert (status, document["status"], document["files"]) == (2, 2, [])
+        assert errors == [f"torchbrdf: error: {document['error']}"]
+        assert "no ball is found" in document["error"]
+        assert not (tmp_path / "out").exists()
+
+    def test_quiet_says_warnings_alone(self, fit, photo, reports):
+        reports += ["The weights oscillate."]
+        mask = photo.parent / "mask.png"
+        assert fit(photo, "--mask", mask, "--quiet") == (0, [], ["torchbrdf: warning: The weights oscillate."])
