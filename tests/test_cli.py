@@ -277,7 +277,9 @@ def test_the_package_is_the_program():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="this system has no pseudo-terminals")
-@pytest.mark.parametrize(("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)])
+@pytest.mark.parametrize(
+    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
+)
 def test_errors_have_a_colour_on_a_terminal(environment, coloured):
     ours, theirs = os.openpty()
     try:

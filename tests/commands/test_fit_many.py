@@ -202,9 +202,22 @@ class TestForScripts:
                 "brdf.binary", "weights.json", f"fitted_{path.stem}.exr"
             }  # fmt: skip
 
-    def test_quiet_prints_nothing(self, fit: Fit, photos: Path, probe: Path, capfd: pytest.CaptureFixture[str]):
-        assert fit(photos / "paint.exr", photos / "satin.exr", "--probe", probe, "--quiet") == (0, [], [])
-        assert "photographs" not in capfd.readouterr().err
+    @pytest.mark.usefixtures("precomputed_library")
+    @pytest.mark.filterwarnings("ignore:.*material class:UserWarning")
+    def test_quiet_prints_nothing(
+        self,
+        precomputed_directory: Path,
+        photos: Path,
+        probe: Path,
+        tmp_path: Path,
+        capsys: pytest.CaptureFixture[str],
+    ):
+        """No line, and no bar of progress."""
+        given = photos / "paint.exr", photos / "satin.exr", "--probe", probe, "--library", precomputed_directory
+        words = "fit", *given, "--size", SIZE, "--no-report", "--quiet", "-o", tmp_path / "out"
+        assert main([str(word) for word in words]) == 0
+        assert capsys.readouterr() == ("", "")
+        assert names(tmp_path / "out") == {"paint", "satin"}
 
 
 def test_what_all_need_is_refused_once(capsys: pytest.CaptureFixture[str], photos: Path, tmp_path: Path):
