@@ -38,7 +38,8 @@ def layers() -> list[list[str]]:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     layered = next(contract for contract in declared if contract["type"] == "layers")
     split = ([name.strip() for name in layer.split("|")] for layer in layered["layers"])
-    return [[name for name in names if not name.startswith("_")] for names in split]
+    rows = ([name for name in names if not name.startswith("_")] for names in split)
+    return [row for row in rows if row]
 
 
 def modules(room: str) -> list[Path]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from paths import ROOT
+from torchbrdf.commands import Findings, found as commands_of_torchbrdf
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = [path for folder in ("torchbrdf", "scripts", "tests") for path in sorted((ROOT / folder).rglob("*.py"))]
@@ -66,3 +67,9 @@ def test_every_page_of_results_has_its_command_and_is_linked():
     command = re.compile(r"\b(python (scripts|tests)/|torchbrdf |pytest)")
     assert [page.name for page in pages if not command.search(page.read_text())] == []
     assert [page.name for page in pages if f"results/{page.name}" not in others] == []
+
+
+def test_the_page_of_the_command_line_tells_of_every_command_and_common_field():
+    page = (ROOT / "docs" / "command_line.md").read_text()
+    names = [*commands_of_torchbrdf(), *Findings("fit").document(0)]
+    assert [name for name in names if f"\n| `{name}` | " not in page] == []
