@@ -66,7 +66,7 @@ def _load_torch() -> None:
 
     They would go through its quarter of a million objects, again and again while they are made and twice at the end:
     half a second of a short command. NumPy's products and factorisations are small: its threads, which wait by turning
-    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be findings.
+    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be found.
     """
     if "torch" in sys.modules:
         return

@@ -17,7 +17,7 @@ from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
 from torchbrdf.commands._results import (
     WEIGHTS,
-    failed,
+    failure,
     obsolete,
     products,
     warn_of_doubts,
@@ -57,7 +57,7 @@ def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph], fin
         inputs.probe(photographs[0].probe)
     with progress_bar(total=len(photographs), desc="photographs") as bar:
         writer = _Writer()
-        batch = _Batch(options, inputs, writer, lambda: bar.update(), findings)
+        batch = _Batch(options, inputs, writer, bar.update, findings)
         try:
             with writer:
                 batch.run(photographs)
@@ -194,7 +194,7 @@ class _Batch:
             yield
         except (ValueError, OSError) as error:
             self.failures[photograph] = about(photograph.path, in_words(error))
-            self.told[photograph] = failed(photograph.path, self.failures[photograph])
+            self.told[photograph] = failure(photograph.path, self.failures[photograph])
             self._advance()
 
 

@@ -75,7 +75,7 @@ def written(
     }
 
 
-def failed(photograph: Path, error: str) -> dict[str, Any]:
+def failure(photograph: Path, error: str) -> dict[str, Any]:
     """What a script is told of one without results."""
     return {"photograph": photograph, "outcome": "failed", "error": error}
 
