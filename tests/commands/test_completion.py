@@ -27,6 +27,7 @@ CASES = [
     (["fit", "ball.exr", "--probe-layout", "m"], {"mirror_ball"}),
     (["fit", "ball.exr", "--circle", "1", "2", "3", "--search", ""], {"near", "full"}),
     (["fit", "--align", "--probe", "d"], {"default"}),
+    (["fit", "--penalty", ""], {"auto", "paper"}),
     (["fit", "--library", ""], {"default", "gold.binary", "satin.bsdf", "folder"}),
     (["analytic", "gold.binary", "--model", "p"], {"principled"}),
     (["render", ""], {"gold.binary", "satin.bsdf", "folder"}),

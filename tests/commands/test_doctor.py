@@ -3,6 +3,7 @@
 import importlib.metadata
 import importlib.util
 import io
+import json
 import os
 import shutil
 import subprocess
@@ -297,3 +298,13 @@ def test_lines_fit_the_terminal(report, monkeypatch):
     assert len(listed) > 3
     assert max(map(len, listed)) <= 80
     assert {len(text) - len(text.lstrip()) for text in listed[1:]} == {listed[0].index("variant,")}
+
+
+def test_a_script_reads_the_same(sound_mitsuba, capsys, monkeypatch):
+    """Labels and texts, and why the status is 1."""
+    monkeypatch.setattr(doctor, "_caches", lambda section: section.problems.append("no cache; buy a disk"))
+    assert main(["doctor", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert (told["status"], told["error"], told["problems"]) == (1, "1 problem found", ["no cache; buy a disk"])
+    assert list(told["sections"]) == ["Versions", "Mitsuba", "Threads", "CUDA", "Caches"]
+    assert {"label": "Dr.Jit", "text": "7 threads"} in told["sections"]["Threads"]
