@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from html import escape
 from math import pi
 from types import SimpleNamespace
 
@@ -74,7 +75,11 @@ def test_the_page_is_self_contained_and_well_formed(report):
         assert attrs["src"].startswith("data:image/png;base64,")
         assert attrs["alt"].strip()
         assert pixels(attrs).shape == (int(attrs["height"]), int(attrs["width"]), 3)
-    assert all(set(attrs).isdisjoint({"href", "srcset", "onload"}) for _, attrs in page.tags)
+    assert all(set(attrs).isdisjoint({"srcset", "onload"}) for _, attrs in page.tags)
+    anchors = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
+    links = [attrs["href"] for attrs in page.all("a")]
+    assert links
+    assert {link.removeprefix("#") for link in links} <= anchors
     assert all(attrs.get("aria-label") or attrs.get("aria-hidden") for attrs in page.all("svg"))
 
 
@@ -162,7 +167,7 @@ def test_the_browser_shows_every_picture_offline(report, browser):
     assert min(widths) > 0
     assert not wider, "the page scrolls sideways"
     assert not wider_in_print, "the page does not fit on A4"
-    assert plates == [1, 1], "the four pictures of a row do not stand side by side"
+    assert plates == [1, 1, 1], "the four pictures of a row do not stand side by side"
 
 
 def test_any_known_shape_and_one_class(subject, tmp_path):
@@ -184,6 +189,34 @@ def test_any_known_shape_and_one_class(subject, tmp_path):
     assert 'class="large"' in text
     balls = re.findall('class="large disc"[^>]*alt="([^"]*)"', re.sub('base64,[^"]*', "", text))
     assert balls == (["relative standard deviation, under another light"] if penalty == "auto" else [])
+
+
+def test_the_three_answers_are_on_the_first_screen(report, tmp_path, browser, subject):
+    """Also with the longest answers: a photograph that nothing explains; on a phone, the grade and the pictures."""
+    noise = 60 * torch.rand(3, 24, 24, generator=torch.Generator().manual_seed(0)) * subject.view.mask
+    classes = MaterialClasses.fit(subject.library, n_classes=2, n_dims=2)
+    penalty = "paper" if subject.result.posteriors is None else "auto"
+    estimator = BRDFEstimator(subject.basis, classes, penalty)
+    wrong = replace(subject, photograph=noise, result=estimator(noise, subject.mask))
+    observability = estimator.observability(subject.library)
+    told = {"observability": observability, "size": 16, "samples": 16}
+    said = write_report(tmp_path / "r.html", wrong, {"title": "ball.exr"}, **told)
+    assert len(said) > 1
+    for path in (report, tmp_path / "r.html"):
+        tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        tab.goto(path.as_uri())
+        boxes = [one.bounding_box() for one in tab.locator(".answer, .answers .four").all()]
+        assert len(boxes) == 4
+        assert max(box["y"] + box["height"] for box in boxes) <= 800
+        tab.set_viewport_size({"width": 390, "height": 844})
+        boxes = [one.bounding_box() for one in tab.locator(".answer, .answers .four").all()[:2]]
+        assert boxes[0]["y"] < boxes[1]["y"]
+        assert boxes[1]["y"] + boxes[1]["height"] <= 844
+        assert tab.evaluate("document.documentElement.scrollWidth") == 390
+        tab.close()
+    words = re.findall('class="grade [a-z]+">([^<]*)<', (tmp_path / "r.html").read_text())
+    assert words == ["Poor"]
+    assert all(f"<p>{escape(text)}</p>" in (tmp_path / "r.html").read_text() for text in said)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +259,7 @@ def test_the_warnings(errors, weights, clamped, expected):
     )
     evidence = Evidence(
         photograph=None, used=None, found=candidates[0], candidates=candidates, chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4),
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4, 3),
         weights=torch.tensor(weights, dtype=torch.float64)[:, None].expand(2, 3),
     )  # fmt: skip
     assert len(evidence.warnings) == len(expected)
@@ -253,7 +286,7 @@ def test_the_warnings_of_an_average(probabilities, typical, expected):
     evidence = Evidence(
         photograph=None, used=None, found=SimpleNamespace(index=None, error=0.01, clamped=0.0, probability=None),
         candidates=candidates, chosen=int(np.argmax(probabilities)), names=("a",), channel_errors=(), turned=None,
-        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None, albedo=torch.zeros(4),
+        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None, albedo=torch.zeros(4, 3),
         spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), typical),
     )  # fmt: skip
     assert evidence.averaged
@@ -310,7 +343,7 @@ def test_a_shape_with_few_normals_is_the_first_warning():
     candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0, probability=None)
     evidence = Evidence(
         photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4),
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4, 3),
         distrust="the shape is a plane", weights=torch.ones(2, 3, dtype=torch.float64),
     )  # fmt: skip
     assert evidence.warnings[0] == "The shape is a plane."
@@ -321,7 +354,8 @@ def test_more_light_than_there_was_is_a_warning():
     candidate = SimpleNamespace(index=0, error=0.01, clamped=0.0, probability=None)
     evidence = Evidence(
         photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.tensor([0.9, 1.6, 1.2, 1.0]),
+        channel_errors=(), turned=None, directional={}, probes=None,
+        albedo=torch.tensor([0.9, 1.6, 1.2, 1.0])[:, None].expand(4, 3),
         weights=torch.ones(2, 3, dtype=torch.float64),
     )  # fmt: skip
     assert len(evidence.warnings) == 1

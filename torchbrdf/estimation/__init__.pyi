@@ -8,6 +8,7 @@ from .image_space import (
 from .masked_photographs import check_observation as check_observation
 from .observability import (
     PHI_D as PHI_D,
+    Gap as Gap,
     Observability as Observability,
 )
 from .posterior import Posterior as Posterior

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import degrees, pi
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -10,6 +11,8 @@ from torchbrdf.brdf import GRID, MaterialLibrary, above_horizon, cell_centres
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.priors import PriorBank, whole_variances
 from torchbrdf.estimation.rehearsal import Rehearsal
+
+Gap = Literal["gloss", "shadow", "grazing"]
 
 CANNOT = 0.3
 """Share of the highlight's variance removed below which a light cannot tell gloss from albedo."""
@@ -85,6 +88,18 @@ class Observability:
         return float(cells.nanmean())
 
     @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """What this light leaves open whatever the photograph is, the worst first."""
+        found: list[Gap] = []
+        if self.whole == 0 or self.highlight < HARDLY:
+            found.append("gloss")
+        if self.dark > SHADOWED:
+            found.append("shadow")
+        if self.grazing is not None and self.grazing < GRAZING:
+            found.append("grazing")
+        return tuple(found)
+
+    @property
     def verdict(self) -> str:
         """One line."""
         if self.rehearsal is None:
@@ -97,16 +112,16 @@ class Observability:
         if self.whole == 0:
             return "no light on the object: tells nothing"
         numbers = f"about {self.whole:.0f} numbers a channel stand out of {self.noise:.1%} noise"
-        if self.dark > SHADOWED:
+        if "shadow" in self.gaps:
             numbers += f"; {self.dark:.0%} of the picture lies in shadow: light from more sides"
         share = f"removes {self.highlight:.0%} of what is open about the highlight"
         if self.highlight < CANNOT:
             return f"cannot tell gloss from albedo: {share}; {numbers}; use light with edges or small bright lamps"
-        if self.grazing is not None and self.grazing < GRAZING:
+        if "grazing" in self.gaps:
             share = f"no light from behind the object: grazing reflection will be a guess; {share}"
-        if self.highlight < HARDLY:
+        if "gloss" in self.gaps:
             return f"hardly tells gloss from albedo: {share}; {numbers}; brighter lamps on more sides would help"
-        but = " where light falls" if self.dark > SHADOWED else ""
+        but = " where light falls" if "shadow" in self.gaps else ""
         return f"tells gloss from albedo{but}: {share}; {numbers}"
 
 

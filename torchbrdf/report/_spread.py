@@ -22,7 +22,7 @@ def spread_section(evidence: Evidence, view: View) -> str:
         raise ValueError("a fixed penalty has no posterior to show")
     sphere = SphereView(spread.novel.shape[-1])
     shape = view.mask.cpu()
-    scale = _scale(spread.novel[sphere.mask])
+    scale = spread_scale(spread.novel[sphere.mask])
     plates = [
         plate(
             picture(
@@ -50,6 +50,7 @@ def spread_section(evidence: Evidence, view: View) -> str:
     return section("What the photograph leaves open", f'<div class="three">{"".join(plates)}{key}</div>')
 
 
-def _scale(shares: Tensor) -> float:
+def spread_scale(shares: Tensor) -> float:
+    """The end of the colours of a map of these."""
     top = float(torch.quantile(shares.float(), 0.98))
     return next((scale for scale in _SCALES if scale >= top), _SCALES[-1])

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import MerlTable, directional_albedo, reflects_too_much
 from torchbrdf.estimation import Reconstruction
+from torchbrdf.report.advice import Topic
 from torchbrdf.transport import BasisImages
 
 LARGE_RESIDUAL = 0.05
@@ -49,7 +50,17 @@ Figures = TypeVar("Figures", bound=ClassFigures)
 
 
 @dataclass(frozen=True)
-class _Class:
+class Doubt:
+    """A reason to doubt a result: what it is about, for `ADVICE`, and a sentence or two."""
+
+    topic: Topic
+    text: str
+
+
+@dataclass(frozen=True)
+class ClassShare:
+    """Such figures."""
+
     index: int
     probability: float | None
     error: float
@@ -66,7 +77,7 @@ def margin(best: ClassFigures, second: ClassFigures | None) -> float:
     return float("inf") if second is None or best.error == 0 else second.error / best.error
 
 
-def oscillation(weights: Tensor) -> float:
+def oscillation_of(weights: Tensor) -> float:
     """sum |w| / |sum w| of weights (n, 3), both added up over the channels: one channel's sum may pass through 0."""
     return float(weights.abs().sum() / weights.sum(0).abs().sum().clamp_min(1e-12))
 
@@ -83,60 +94,73 @@ def doubts(
     classes: Sequence[ClassFigures],
     chosen: int,
     albedo: Tensor,
-    weights: Tensor,
+    oscillation: float,
     clamped: float,
     distrust: str | None,
     spread: float | None,
-) -> list[str]:
-    """A sentence or two for each reason to doubt a result.
+) -> list[Doubt]:
+    """The reasons to doubt a result.
 
     error     |Y w - y| / |y| of the result
     chosen    the best of the classes
     albedo    (4,)    directional, see `directional_albedo`, mean of R, G, B
-    weights   (n, 3)
+    oscillation  of the weights, see `oscillation_of`
     clamped   share of measured values at zero
     distrust  why the shape tells too little (`BasisImages.distrust`), or None
     spread    relative standard deviation of the picture under another light; None where that is not known
     """
-    found = [] if distrust is None else [f"{distrust[0].upper()}{distrust[1:]}."]
+    found: list[Doubt] = []
+
+    def doubt(topic: Topic, text: str) -> None:
+        found.append(Doubt(topic, text))
+
+    if distrust is not None:
+        doubt("normals", f"{distrust[0].upper()}{distrust[1:]}.")
     if error > LARGE_RESIDUAL:
-        found.append(
+        doubt(
+            "unexplained",
             f"The fit leaves {error:.1%} of the photograph unexplained. The probe may be turned or "
             "scaled against the photograph, the silhouette may be another, the photograph may hold clipped "
             "highlights, shadows or reflections of things near by, or the library lacks this kind of material."
         )
     if (too_much := reflects_too_much(albedo)) is not None:
-        found.append(
+        doubt(
+            "too-bright",
             f"The result {too_much}: no material does. The photograph and the light probe are in different units; "
             "scale one of them."
         )
     best, second = classes[chosen], second_best(classes, chosen)
     if second is not None and best.probability is not None and best.probability < SMALL_PROBABILITY:
-        found.append(
+        doubt(
+            "class",
             f"The photograph does not tell the class: class {chosen} has a probability of "
             f"{best.probability:.0%}, class {second.index} of {second.probability:.0%}. The result lies "
             "between them. Compare the two in the report."
         )
     elif second is not None and best.probability is None and margin(best, second) < SMALL_MARGIN:
-        found.append(
+        doubt(
+            "class",
             f"Class {second.index} fits almost as well as class {chosen} "
             f"({second.error:.2%} against {best.error:.2%}): the choice could have gone the other "
             "way. Compare the two in the report."
         )
     if spread is not None and spread > LARGE_SPREAD:
-        found.append(
+        doubt(
+            "uncertain",
             f"Under another light the picture is uncertain by {spread:.0%} (one standard deviation): "
             "this photograph leaves much of the BRDF to the library. A light with more contrast, or a second "
             "photograph under another light, would tell more."
         )
-    if (ratio := oscillation(weights)) > OSCILLATION:
-        found.append(
-            f"The weights oscillate: their magnitudes add up to {ratio:.0f} times their sum, so large "
+    if oscillation > OSCILLATION:
+        doubt(
+            "oscillation",
+            f"The weights oscillate: their magnitudes add up to {oscillation:.0f} times their sum, so large "
             "positive and negative weights cancel each other. That fits this photograph and rarely any other; a "
             "larger penalty helps."
         )
     if clamped > LARGE_CLAMPED_SHARE:
-        found.append(
+        doubt(
+            "clamped",
             f"{clamped:.1%} of the table's values came out negative and were set to zero. "
             "Look for black spots and rings under directional lights."
         )
@@ -147,13 +171,14 @@ def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: M
     """The doubts about a single result of which no report is made: all but that about another light."""
     errors = (result.class_errors / result.energy).clamp_min(0).sqrt().tolist()
     probabilities = [None] * len(errors) if result.posteriors is None else result.class_probabilities.tolist()
-    return doubts(
+    found = doubts(
         error=float(result.relative_error),
-        classes=[_Class(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
+        classes=[ClassShare(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
         chosen=int(result.class_index),
         albedo=directional_albedo(table).mean(1),
-        weights=result.weights.detach().cpu().double(),
+        oscillation=oscillation_of(result.weights.detach().cpu().double()),
         clamped=clamped_share(table),
         distrust=basis.distrust,
         spread=None,
     )
+    return [doubt.text for doubt in found]

@@ -14,7 +14,8 @@ from torchbrdf.images import relative_rms
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_directional, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
-from torchbrdf.report.doubts import clamped_share, doubts, margin, second_best
+from torchbrdf.report.doubts import Doubt, clamped_share, doubts, margin, oscillation_of, second_best
+from torchbrdf.report.grade import Grade, grade_of
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import SHOWN, HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View
@@ -120,7 +121,7 @@ class Evidence:
     probes       the photograph's probe, another (`other_light`), its own turned, of few rows
     distrust     why the shape tells too little (`BasisImages.distrust`), or None
     spread       None with a fixed penalty, which has no posterior
-    albedo       (4,)  the result's `directional_albedo`, mean of R, G, B
+    albedo       (4, 3)  the result's `directional_albedo`
     """
 
     photograph: Tensor
@@ -161,16 +162,31 @@ class Evidence:
     @property
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the result, a sentence or two each."""
+        return [doubt.text for doubt in self.doubts]
+
+    @cached_property
+    def doubts(self) -> list[Doubt]:
+        """The reasons to doubt the result."""
         return doubts(
             error=self.found.error,
             classes=self.candidates,
             chosen=self.chosen,
-            albedo=self.albedo,
-            weights=self.weights,
+            albedo=self.albedo.mean(1),
+            oscillation=oscillation_of(self.weights),
             clamped=self.found.clamped,
             distrust=self.distrust,
-            spread=None if self.spread is None else self.spread.typical,
+            spread=self.typical_spread,
         )
+
+    @property
+    def typical_spread(self) -> float | None:
+        """Relative standard deviation of the picture under another light; None where that is not known."""
+        return None if self.spread is None else self.spread.typical
+
+    @property
+    def grade(self) -> Grade:
+        """Whether the result is good."""
+        return grade_of(self.found.error, self.typical_spread, [doubt.topic for doubt in self.doubts])
 
 
 def gather(subject: Subject, size: int, samples: int) -> Evidence:
@@ -240,7 +256,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
             for angle in DIRECTIONAL_ANGLES
         },
         probes=(probe, other, turned),
-        albedo=directional_albedo(found.table).mean(1),
+        albedo=directional_albedo(found.table),
         distrust=basis.distrust,
         spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
     )

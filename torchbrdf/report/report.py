@@ -30,19 +30,14 @@ from torchbrdf.report._figures import (
     theta_h_curve,
     theta_h_plot,
 )
+from torchbrdf.report._first_screen import acts_on, first_screen
+from torchbrdf.report._numbers import numbers_section
 from torchbrdf.report._observability_section import observability_section
 from torchbrdf.report._pictures import kind_of, light_picture, short_name, sphere_plate
 from torchbrdf.report._silhouette_section import Scene, silhouette_section
 from torchbrdf.report._slices import EXPLANATION as SLICE_EXPLANATION, slice_exposures, slice_figure
 from torchbrdf.report._spread import NINETY, spread_section
-from torchbrdf.report.doubts import (
-    LARGE_CLAMPED_SHARE,
-    LARGE_RESIDUAL,
-    LARGE_SPREAD,
-    OSCILLATION,
-    SMALL_MARGIN,
-    SMALL_PROBABILITY,
-)
+from torchbrdf.report._warnings_section import warnings_section
 from torchbrdf.report.evidence import TURN_DEG, Evidence, Subject, gather
 from torchbrdf.report.page import definitions, page, plate, section
 from torchbrdf.view import SphereView, View
@@ -80,9 +75,12 @@ def write_report(
     evidence, view = gather(subject, size, samples), subject.view
     settings = {key: str(value) for key, value in description.items()}
     title = settings.pop("title", "") or "BRDF from a photograph"
+    acts = acts_on(evidence, () if observability is None else observability.gaps)
     body = [
         f"<h1>{escape(title)}</h1>",
-        _verdict(evidence),
+        first_screen(evidence, view, subject.basis, acts),
+        *warnings_section(evidence, acts),
+        numbers_section(evidence),
         _observed(evidence, view),
         *([] if scene is None else [silhouette_section(scene)]),
         _novel(evidence),
@@ -96,50 +94,6 @@ def write_report(
     with writing(path) as temporary:
         temporary.write_text(page(title, body), encoding="utf-8")
     return evidence.warnings
-
-
-def _verdict(evidence: Evidence) -> str:
-    found, best, second = evidence.found, evidence.best, evidence.runner_up
-    explained = f"explains the photograph to within <b>{found.error:.2%}</b> (relative RMS error)."
-    if evidence.averaged:
-        sentences = [f"The result {explained}"]
-        if second is not None and best.probability is not None:
-            sentences.append(
-                f"The most probable class is {best.index} ({best.probability:.0%}); the result averages the classes, "
-                "the whole library and neighbourhoods in it, by what the photograph says for each."
-            )
-        if evidence.spread is not None:
-            sentences.append(f"Under another light its picture is uncertain by {evidence.spread.typical:.1%}.")
-    elif second is None:
-        sentences = [f"The only class {explained}"]
-    else:
-        times = f", {evidence.margin:.2f} times as much" if isfinite(evidence.margin) else ""
-        sentences = [
-            f"Class {found.index} {explained}",
-            f"The second best, class {second.index}, leaves {second.error:.2%}{times}.",
-        ]
-    sentences.append(f"{found.clamped:.2%} of the table’s values were negative and are clamped at zero.")
-    parts = [f'<p class="verdict">{" ".join(sentences)}</p>']
-    if evidence.warnings:
-        items = "".join(f"<li>{escape(warning)}</li>" for warning in evidence.warnings)
-        parts.append(f'<div class="caution" role="note"><ul>{items}</ul></div>')
-    else:
-        apart = (
-            f"a class of {SMALL_PROBABILITY:.0%} or more, uncertain by at most {LARGE_SPREAD:.0%} under another light"
-            if evidence.averaged
-            else f"runner-up at least {SMALL_MARGIN:g} times worse"
-        )
-        parts.append(
-            f'<p class="soft">No warning applies: residual at most {LARGE_RESIDUAL:.0%}, {apart}, sum of |weights|'
-            f" at most {OSCILLATION:g} times their sum, at most "
-            f"{LARGE_CLAMPED_SHARE:.0%} clamped.</p>"
-        )
-    parts.append(
-        "<p><b>A small residual proves nothing.</b> Plain least squares always has the smallest, and often the worst "
-        "BRDF. Look at the pictures under light that was not photographed: a spike in the centre, dark spots, rings "
-        "around the highlight or a rim of another colour are marks of a wrong BRDF.</p>"
-    )
-    return "\n".join(parts)
 
 
 def _observed(evidence: Evidence, view: View) -> str:

@@ -6,12 +6,33 @@ STYLE = """
 * { box-sizing: border-box; }
 body { margin: 0; background: #fff; color: var(--ink);
   font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, "Liberation Sans", sans-serif; }
-main { max-width: 1000px; margin: 0 auto; padding: 40px 32px 64px; }
+main { max-width: 1000px; margin: 0 auto; padding: 28px 32px 64px; }
 h1 { font-size: 30px; font-weight: 300; letter-spacing: -.01em; margin: 0 0 4px; }
 h2 { font-size: 19px; font-weight: 400; margin: 44px 0 6px; padding-top: 12px; border-top: 1px solid var(--line); }
 p { max-width: 46em; margin: 6px 0 12px; }
 .soft, figcaption, .note { color: var(--soft); }
 .verdict { font-size: 18px; line-height: 1.45; margin: 18px 0 8px; max-width: 40em; }
+.answers { margin-top: 14px; }
+.answer h2 { font-size: 15px; font-weight: 600; margin: 0; padding: 0; border: 0; }
+.answer p { margin: 3px 0; }
+.answer .said { font-size: 18px; line-height: 1.4; max-width: none; }
+.answer .note { font-size: 13px; max-width: none; }
+.answers .four { margin: 12px 0 14px; }
+.answers .plate { padding: 12px; } .answers .plate img { width: 100%; }
+.grade { display: inline-block; font-size: 20px; font-weight: 600; color: #fff; background: #66645f;
+  padding: 1px 12px 2px; border-radius: 4px; margin-right: 8px;
+  print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+.grade.good { background: #2a7a43; } .grade.fair { background: #a06a00; } .grade.poor { background: #b3261e; }
+.halves { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px 32px; }
+.halves ol { margin: 3px 0; padding-left: 18px; } .halves li + li { margin-top: 6px; }
+.alike { float: right; display: flex; gap: 6px; margin: 4px 0 4px 12px; }
+.alike img { width: 40px; }
+.swatch { display: inline-block; width: 12px; height: 12px; margin-right: 5px; vertical-align: -1px;
+  outline: 1px solid var(--line); print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+figcaption .scale, figcaption .ends { margin-top: 3px; } figcaption .scale { display: block; height: 6px; }
+h3 { font-size: 15px; font-weight: 600; margin: 20px 0 4px; }
+code { font: 0.92em "SFMono-Regular", Menlo, Consolas, "Liberation Mono", monospace; overflow-wrap: anywhere; }
+a { color: #1a5a96; }
 .caution { border-left: 3px solid #c58a00; padding: 2px 0 2px 14px; margin: 10px 0; max-width: 48em; }
 .caution ul, .caution p { margin: 4px 0; padding-left: 0; list-style: none; }
 .caution li + li { margin-top: 6px; }
@@ -31,7 +52,8 @@ img.disc { border-radius: 50%; }
 .four { grid-template-columns: repeat(4, minmax(0, 1fr)); gap: 14px; }
 .four .plate { aspect-ratio: 1; }
 .below { margin-top: 22px; gap: 22px; } .below div { flex: 1; min-width: 260px; } .below figure { flex: none; }
-@media (max-width: 640px) { .three, .four { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
+@media (max-width: 640px) { .three, .four { grid-template-columns: repeat(2, minmax(0, 1fr)); }
+  main { padding: 20px 16px 48px; } .halves { grid-template-columns: 1fr; } h1 { font-size: 24px; } }
 .outlined { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 16px; align-items: start; }
 .under { position: relative; } .under img { width: 100%; min-width: 256px; }
 .under svg { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }

@@ -1,0 +1,44 @@
+"""What warnings mean: the same words in the report and in the documentation, and commands that exist."""
+
+import re
+
+import pytest
+
+import write_warnings
+from paths import ROOT
+from torchbrdf.cli import parser
+from torchbrdf.report.advice import ADVICE, TOPICS, marked
+
+
+def test_the_page_says_what_the_report_says():
+    assert write_warnings.main(["--check"]) == 0
+
+
+def test_every_topic_has_a_paragraph_of_its_own():
+    assert set(ADVICE) == set(TOPICS)
+    anchors = [advice.anchor for advice in ADVICE.values()]
+    assert len(set(anchors)) == len(anchors)
+    assert all(re.fullmatch("[a-z-]+", anchor) for anchor in anchors)
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_pages_and_options_exist(topic):
+    advice = ADVICE[topic]
+    page, _, anchor = advice.page.partition("#")
+    headings = re.findall("^#+ (.*)$", (ROOT / "docs" / page).read_text(), re.M)
+    slugs = [re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings]
+    assert not anchor or anchor in slugs
+
+
+def test_options_and_commands_exist():
+    (commands,) = (one.choices for one in parser()._actions if isinstance(one.choices, dict))
+    for advice in ADVICE.values():
+        for code in re.findall("`([^`]*)`", f"{advice.action} {advice.meaning} {advice.remedy}"):
+            words = code.removeprefix("torchbrdf ").split()
+            command = words[0] if code.startswith("torchbrdf ") else "fit"
+            options = {word for word in words if word.startswith("--")}
+            assert options <= set(commands[command]._option_string_actions), code
+
+
+def test_code_is_marked_and_the_rest_is_escaped():
+    assert marked("a < `b > c` & d") == "a &lt; <code>b &gt; c</code> &amp; d"

@@ -1,0 +1,140 @@
+"""The report's first screen: is it good, what is it, what would make it better."""
+
+from collections.abc import Sequence
+from html import escape
+
+import torch
+from torch.nn.functional import avg_pool2d
+
+from torchbrdf.estimation import Gap
+from torchbrdf.images import exposure_for, tone_map
+from torchbrdf.report._description import Alike, gloss_of, in_words, most_alike
+from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map
+from torchbrdf.report._improvements import improvements
+from torchbrdf.report._pictures import ball, kind_of
+from torchbrdf.report._spread import spread_scale
+from torchbrdf.report.advice import ADVICE, Topic, marked
+from torchbrdf.report.evidence import Evidence
+from torchbrdf.report.grade import shortcomings
+from torchbrdf.report.page import plate
+from torchbrdf.transport import BasisImages
+from torchbrdf.view import SphereView, View
+
+_SMALL = 40
+"""Pixels along a side of the pictures of materials that look alike, at most."""
+
+
+def first_screen(evidence: Evidence, view: View, basis: BasisImages, acts: Sequence[Topic]) -> str:
+    """HTML of the three answers and of the pictures.
+
+    basis  of the photograph
+    acts   what to act on, see `acts_on`
+    """
+    return (
+        f'<div class="answers">\n{_good(evidence)}\n{_pictures(evidence, view)}\n<div class="halves">\n'
+        f"{_what(evidence, view, basis)}\n{_better(acts)}\n</div>\n</div>"
+    )
+
+
+def acts_on(evidence: Evidence, gaps: Sequence[Gap]) -> list[Topic]:
+    """What would make the result better, what helps most first; gaps are the light's."""
+    doubted = [doubt.topic for doubt in evidence.doubts]
+    return improvements([*doubted, *shortcomings(evidence.found.error, evidence.typical_spread)], gaps)
+
+
+def _good(evidence: Evidence) -> str:
+    error, spread, grade = evidence.found.error, evidence.typical_spread, evidence.grade
+    topics = [doubt.topic for doubt in evidence.doubts]
+    numbers = [f"{_rounded(error)} of the photograph unexplained"]
+    if spread is not None:
+        numbers.append(f"standard deviation under another light {_rounded(spread)}")
+    links = [f'<a href="#{ADVICE[topic].anchor}">{ADVICE[topic].title}</a>' for topic in topics]
+    numbers.append(f"Warned of: {', '.join(links)}" if links else "no warning")
+    word = f'<b class="grade {grade.word.split()[0].lower()}">{grade.word}</b>'
+    return (
+        f'<div class="answer"><h2>Is it good?</h2><p class="said">{word} {grade.meaning}</p>'
+        f'<p class="note">{" · ".join(numbers)} · <a href="#numbers">Limits</a></p></div>'
+    )
+
+
+def _pictures(evidence: Evidence, view: View) -> str:
+    found, used, shape = evidence.found, evidence.used, view.mask.cpu()
+    exposure, kind = exposure_for(evidence.photograph, used), kind_of("wide", view)
+    sphere = SphereView(found.novel.shape[-1])
+    shots = [
+        (picture(on_grey(evidence.photograph, exposure, used, shape), "photograph", exposure, kind), "Photograph", ""),
+        (picture(on_grey(found.fitted, exposure, shape, shape), "fit", exposure, kind), "Fit", ", the same light"),
+        (
+            ball(found.novel, sphere, exposure_for(found.novel, sphere.mask), "under another light", "wide"),
+            "Under another light",
+            ", a studio room",
+        ),
+    ]
+    if evidence.spread is not None:
+        small, shares = SphereView(evidence.spread.novel.shape[-1]), evidence.spread.novel
+        scale = spread_scale(shares[small.mask])
+        key = (
+            f'<span class="scale" style="background: {sequential_css()}"></span>'
+            f'<span class="ends"><span>0</span><span>{scale:.0%} or more</span></span>'
+        )
+        shown = ball(spread_map(shares, scale, small.mask), small, 1.0, "relative standard deviation of that", "wide")
+        shots.append((shown, "How uncertain", f" it is{key}"))
+    return f'<div class="four">{"".join(plate(shot, f"<b>{name}</b>{more}") for shot, name, more in shots)}</div>'
+
+
+def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
+    exposure = exposure_for(evidence.photograph, evidence.used)
+    alike = most_alike(evidence.found.fitted, evidence.used, exposure, basis)
+    shots = "".join(_thumbnail(one, view, exposure) for one in alike)
+    gloss, best, albedo = gloss_of(evidence.found.table), evidence.best, evidence.albedo[0].tolist()
+    names = in_words([f"<b>{escape(alike[0].name)}</b>", *(escape(one.name) for one in alike[1:])])
+    sentences = [
+        f"In this photograph it looks most like {names} of the library, to {alike[0].difference:.1%} of white.",
+        f"{gloss}.",
+        f"{_swatch(albedo)}It reflects {_shares(albedo)} of red, green and blue light from the front; "
+        f"{_swatch(gloss.beside)}beside the highlight it is as bright as a matt surface of {_shares(gloss.beside)}.",
+    ]
+    if len(evidence.candidates) > 1:
+        sure = "best" if best.probability is None else f"{best.probability:.0%}"
+        by = in_words([escape(name) for name in best.leading])
+        sentences.append(f"Class {best.index} of {len(evidence.candidates)} ({sure}), whose own fit is mostly {by}.")
+    if evidence.grade.word == "Poor":
+        sentences.append('<span class="soft">So poor a result tells little of this for sure.</span>')
+    text = "".join(f"<p>{sentence}</p>" for sentence in sentences)
+    return f'<div class="answer"><h2>What is it?</h2><div class="alike">{shots}</div>{text}</div>'
+
+
+def _better(acts: Sequence[Topic]) -> str:
+    if acts:
+        items = "".join(
+            f'<li>{marked(ADVICE[topic].action or "")}. <a href="#{ADVICE[topic].anchor}">Why</a></li>'
+            for topic in acts
+        )
+        said = f"<ol>{items}</ol>"
+    else:
+        said = (
+            "<p>Nothing stands out. What helps most is a second photograph, from another side or under another "
+            "light: <code>torchbrdf observe --probe PROBE --suggest</code> says which, and <code>torchbrdf fit "
+            "--same-material</code> takes both.</p>"
+        )
+    return f'<div class="answer"><h2>What would make it better?</h2>{said}</div>'
+
+
+def _thumbnail(one: Alike, view: View, exposure: float) -> str:
+    step = max(1, -(-max(one.image.shape[-2:]) // _SMALL))
+    shape = view.mask.cpu()
+    shown = avg_pool2d(on_grey(one.image, exposure, shape, shape).clamp(0, 1 / exposure), step, ceil_mode=True)
+    return picture(shown, one.name, exposure, kind_of("thumb", view))
+
+
+def _swatch(albedo: Sequence[float]) -> str:
+    shown = (255 * tone_map(torch.tensor(albedo))).round().int().tolist()
+    return f'<span class="swatch" style="background: rgb({shown[0]}, {shown[1]}, {shown[2]})"></span>'
+
+
+def _shares(albedo: Sequence[float]) -> str:
+    return ", ".join(f"{100 * share:.0f}" for share in albedo) + " %"
+
+
+def _rounded(share: float) -> str:
+    return f"{share:.1%}" if share < 0.0995 else f"{share:.0%}"

@@ -1,0 +1,26 @@
+"""What would make a result better: the actions that help most."""
+
+from collections.abc import Iterable, Sequence
+
+from torchbrdf.estimation import Gap
+from torchbrdf.report.advice import ADVICE, Topic
+
+MOST = 2
+"""Actions at once: who is told ten does none."""
+
+_ORDER: tuple[Topic, ...] = ("normals", "too-bright", "unexplained", "gloss", "shadow", "uncertain", "grazing")
+"""Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first."""
+
+_SAME = {"gloss", "shadow", "uncertain", "grazing"}
+"""More light, or a second photograph: one of them says it."""
+
+
+def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
+    """What to act on, what helps most first.
+
+    doubted  topics of the warnings, and of what keeps the result from being good
+    gaps     of the light
+    """
+    found = [topic for topic in _ORDER if topic in {*doubted, *gaps}]
+    more_light = [topic for topic in found if topic in _SAME]
+    return [topic for topic in found if topic not in more_light[1:] and ADVICE[topic].action][:MOST]

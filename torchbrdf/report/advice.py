@@ -1,0 +1,163 @@
+"""What warnings mean and what to do: the words of the report and of docs/warnings.md.
+
+Backquotes are code. Commands begin with `torchbrdf`; the rest of a backquoted text is an option of `torchbrdf fit`.
+"""
+
+import re
+from dataclasses import dataclass
+from html import escape
+from typing import Literal, get_args
+
+Topic = Literal[
+    "unexplained", "too-bright", "uncertain", "normals", "gloss", "grazing", "shadow", "class", "oscillation", "clamped"
+]
+TOPICS: tuple[Topic, ...] = get_args(Topic)
+"""In the order of docs/warnings.md: what is wrong with the capture, what the light leaves open, marks of the result."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What a warning means, and what to do.
+
+    title    names it in a few words
+    action   the one thing that helps most, an imperative; None where there is nothing to do but look
+    meaning, remedy  a paragraph each
+    page     of docs/, with the heading that says more
+    heading  its words
+    """
+
+    title: str
+    action: str | None
+    meaning: str
+    remedy: str
+    page: str
+    heading: str
+
+    @property
+    def anchor(self) -> str:
+        """Of the paragraph, in the report and in docs/warnings.md: the title as Markdown makes an anchor of it."""
+        return re.sub(r"[^\w -]", "", self.title.lower()).replace(" ", "-")
+
+
+ADVICE: dict[Topic, Advice] = {
+    "unexplained": Advice(
+        "Much of the photograph is unexplained",
+        "Fit again with `--align`; mask clipped highlights and reflections of things near by, or try `--robust`",
+        "No material that the library can make looks like the photograph under this light. As a rule the light is "
+        "not the one that the ball saw: a probe turned by two degrees makes the error five times as large. Clipped "
+        "highlights come next. Where the library lacks the kind of material, such as one that is anisotropic, "
+        "textured or translucent, it cannot be explained at all.",
+        "Look at the difference of fit and photograph. Red and blue side by side along highlights and the horizon: "
+        "the probe is turned, `--align` finds by how much. Red in the middle of highlights: they are clipped; mask "
+        "them, or merge a shorter exposure. A ring along the rim: the silhouette is another; give `--circle`, or "
+        "`--fov` of the camera. Spots: mask them, or let `--robust` find them.",
+        "capture_guide.md#what-a-defect-costs",
+        "Capture guide: what a defect costs",
+    ),
+    "too-bright": Advice(
+        "More light comes out than goes in",
+        "Bring photograph and probe to the same units, with exposure times, aperture and ISO of both",
+        "The BRDF reflects more light than arrives, which no material does. The photograph is too bright for the "
+        "probe, or the probe too dark: one of them was scaled, or exposed otherwise, or lamps are clipped in the "
+        "probe. The BRDF is off by the same factor; its shape may be right.",
+        "Take photograph and probe with one exposure, or divide each by its exposure time, and by its ISO, and "
+        "multiply it by the square of its f-number. A grey card in both tells the factor. A mirror ball as the "
+        "probe reflects 60 % of the light: `torchbrdf probe --mirror-reflectance 0.6`. `--align --exposure` finds a "
+        "factor, roughly.",
+        "capture_guide.md#the-probe",
+        "Capture guide: the probe",
+    ),
+    "uncertain": Advice(
+        "Uncertain under other light",
+        "Take a second photograph from another side or under another light, and fit both with `--same-material`; "
+        "`torchbrdf observe --probe PROBE --suggest` says which one",
+        "Many BRDFs explain this photograph, and they look different under other light. What the result shows there "
+        "comes from what the library's materials have in common, not from the photograph.",
+        "Take a second photograph of the ball, with the camera gone round it or under another light. `torchbrdf "
+        "observe --suggest` rehearses which one helps most. Give both to `torchbrdf fit --same-material`, each with "
+        "its `--probe`. More pixels help where a mask leaves few.",
+        "uncertainty.md#before-any-photograph",
+        "What the photograph leaves open: before any photograph",
+    ),
+    "normals": Advice(
+        "Too few normals",
+        "Photograph a ball of the material, or another shape that is curved both ways",
+        "The shape turns too few of its normals towards the camera. Each pixel then sees nearly the same cells of "
+        "the BRDF, and what is left is the library's guess.",
+        "Photograph a ball, or a shape that is curved both ways. A plane, a cube and a cylinder do not do.",
+        "known_shapes.md#shapes-that-show-few-normals",
+        "Known shapes: shapes that show few normals",
+    ),
+    "gloss": Advice(
+        "This light does not tell gloss",
+        "Photograph under light with edges or small bright lamps; `torchbrdf observe --probe PROBE --suggest` says "
+        "which lamp or second photograph helps most",
+        "Gloss is seen in how an edge of the light is blurred. This light is so even that a glossy and a matt "
+        "material of one albedo look nearly alike under it. That holds for any material and any photograph under "
+        "it, however well it is fitted.",
+        "Use a room with windows and lamps, or a street; not an overcast sky, a tent or an integrating sphere. "
+        "`torchbrdf observe --suggest` compares what a lamp or a second photograph would add.",
+        "capture_guide.md#the-light",
+        "Capture guide: the light",
+    ),
+    "grazing": Advice(
+        "No light from behind",
+        "Grazing reflection is a guess: add a photograph with the camera gone round to the other side, fitted "
+        "together by `--same-material`",
+        "Reflection at grazing angles, where nearly every material becomes a mirror, shows along the rim of the "
+        "ball, and only if there is light behind it. Here there is little, so the rim under other light is the "
+        "library's guess.",
+        "Take a second photograph with the camera gone round the ball, so that the lights are behind it, and give "
+        "both to `torchbrdf fit --same-material`. Or put a lamp behind the ball, outside the picture. Leave the rim "
+        "in the mask.",
+        "uncertainty.md#before-any-photograph",
+        "What the photograph leaves open: before any photograph",
+    ),
+    "shadow": Advice(
+        "Much lies in shadow",
+        "Add light from other sides, or a second photograph with the camera gone round, fitted together by "
+        "`--same-material`",
+        "No light reaches a part of the picture. A single lamp shows one slice of the BRDF, a single angle between "
+        "light and camera, and a probe that is off by a degree then spoils all of it.",
+        "Add light from other sides, if only from white walls. Or take more photographs with the camera gone round "
+        "the ball, each with its probe, and give all to `torchbrdf fit --same-material`.",
+        "capture_guide.md#the-light",
+        "Capture guide: the light",
+    ),
+    "class": Advice(
+        "The class is not told",
+        None,
+        "The library's materials are sorted into classes, from dull to mirror-like, and this photograph fits "
+        "several. The result averages them by their probabilities; with a fixed penalty it is that of the best one "
+        "alone. Two or three photographs in ten are like that, and the result need not be worse for it.",
+        "Compare the candidates of the classes in the report. Where they look alike, it does not matter. Where "
+        "their highlights differ, a light with sharper edges or a second photograph decides.",
+        "uncertainty.md#classes",
+        "What the photograph leaves open: classes",
+    ),
+    "oscillation": Advice(
+        "Weights cancel each other",
+        None,
+        "The result is a small difference of large materials. With a small fixed penalty, or none, such weights fit "
+        "the photograph, noise included, and little else.",
+        "WAITING",
+        "constraints.md",
+        "Constraints",
+    ),
+    "clamped": Advice(
+        "Negative values were cut off",
+        None,
+        "A combination of measured BRDFs with weights of both signs can be negative in some cells, which no "
+        "material is. They are set to zero. That changes nothing where the photograph looks, and may leave dark "
+        "spots or rings elsewhere.",
+        "Look for black spots and rings in the pictures under directional lights. `--constraint energy` finds the "
+        "nearest BRDF that is nowhere negative.",
+        "constraints.md#when-each-helps",
+        "Constraints: when each helps",
+    ),
+}
+
+
+def marked(text: str) -> str:
+    """HTML of words with `code`."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", escape(text, quote=False))

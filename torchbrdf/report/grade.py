@@ -1,0 +1,64 @@
+"""Whether a result is good: a word for how far off pictures of it under other light are expected to be."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Literal
+
+from torchbrdf.report.advice import Topic
+
+Word = Literal["Good", "Fair", "Poor", "Not graded"]
+
+GOOD_RESIDUAL, GOOD_SPREAD = 0.03, 0.04
+FAIR_RESIDUAL, FAIR_SPREAD = 0.08, 0.12
+
+GOOD_ERROR, FAIR_ERROR = 0.05, 0.15
+"""Relative RMS error under other light that the words stand for."""
+
+SPOILS: frozenset[Topic] = frozenset({"normals", "too-bright", "uncertain"})
+"""Warnings with which a result is poor."""
+
+HARMLESS: frozenset[Topic] = frozenset({"class", "oscillation"})
+"""Warnings that a good result may have."""
+
+
+@dataclass(frozen=True)
+class Grade:
+    """A word, and what it stands for."""
+
+    word: Word
+    meaning: str
+
+
+_OFF = "Pictures of it under other light are expected to be off by"
+
+GRADES: dict[Word, Grade] = {
+    one.word: one
+    for one in (
+        Grade("Good", f"{_OFF} less than {GOOD_ERROR:.0%}."),
+        Grade("Fair", f"{_OFF} less than {FAIR_ERROR:.0%}."),
+        Grade("Poor", f"{_OFF} {FAIR_ERROR:.0%} or more."),
+        Grade("Not graded", "A fixed penalty does not tell how far off pictures of it under other light are."),
+    )
+}
+
+
+def shortcomings(error: float, spread: float | None) -> list[Topic]:
+    """What keeps a result from being good, there being no warning."""
+    found: list[Topic] = ["unexplained"] if error > GOOD_RESIDUAL else []
+    return [*found, "uncertain"] if spread is not None and spread > GOOD_SPREAD else found
+
+
+def grade_of(error: float, spread: float | None, doubted: Collection[Topic]) -> Grade:
+    """The grade of a result.
+
+    error    |Y w - y| / |y| on the photograph
+    spread   relative standard deviation of the picture under another light; None where that is not known
+    doubted  topics of the warnings
+    """
+    if SPOILS.intersection(doubted) or error > FAIR_RESIDUAL or (spread is not None and spread > FAIR_SPREAD):
+        return GRADES["Poor"]
+    if spread is None:
+        return GRADES["Not graded"]
+    if shortcomings(error, spread) or not HARMLESS.issuperset(doubted):
+        return GRADES["Fair"]
+    return GRADES["Good"]
