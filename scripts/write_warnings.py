@@ -43,7 +43,8 @@ def run(options: argparse.Namespace) -> None:
     """Write or check."""
     if options.check:
         if not PAGE.is_file() or PAGE.read_text() != page():
-            raise ValueError(f"{PAGE.name} says something else than torchbrdf/report/advice.py; run {sys.argv[0]}")
+            stale = "says something else than torchbrdf/report/advice.py"
+            raise ValueError(f"{PAGE.name} {stale}; run scripts/write_warnings.py")
         return
     with writing(PAGE) as temporary:
         temporary.write_text(page())

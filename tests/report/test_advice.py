@@ -33,7 +33,7 @@ def test_pages_and_options_exist(topic):
 def test_options_and_commands_exist():
     (commands,) = (one.choices for one in parser()._actions if isinstance(one.choices, dict))
     for advice in ADVICE.values():
-        for code in re.findall("`([^`]*)`", f"{advice.action} {advice.meaning} {advice.remedy}"):
+        for code in re.findall("`([^`]*)`", f"{advice.actions} {advice.meaning} {advice.remedy}"):
             words = code.removeprefix("torchbrdf ").split()
             command = words[0] if code.startswith("torchbrdf ") else "fit"
             options = {word for word in words if word.startswith("--")}
@@ -42,3 +42,4 @@ def test_options_and_commands_exist():
 
 def test_code_is_marked_and_the_rest_is_escaped():
     assert marked("a < `b > c` & d") == "a &lt; <code>b &gt; c</code> &amp; d"
+    assert marked("`fit --same-material`") == "<code>fit <span>--same-material</span></code>"

@@ -8,7 +8,7 @@ import torch
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
-from torchbrdf.report._description import gloss_of, in_words, most_alike
+from torchbrdf.report._description import gloss_of, in_words, looks_clipped, most_alike
 from torchbrdf.view.sphere import SphereView
 
 
@@ -44,3 +44,13 @@ def test_a_material_of_the_library_looks_most_like_itself(tiny_library):
 
 def test_lists_in_words():
     assert [in_words(names) for names in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]
+
+
+def test_a_plateau_below_the_fit_is_clipped():
+    ramp = torch.linspace(0, 1, 36).reshape(6, 6).expand(3, 6, 6)
+    used = torch.ones(1, 6, 6, dtype=torch.bool)
+    assert looks_clipped(ramp.clamp_max(0.8), ramp, used)
+    assert not looks_clipped(ramp, ramp, used)
+    assert not looks_clipped(ramp.clamp_max(0.8), ramp, used & (ramp[:1] < 0.8))
+    assert not looks_clipped(torch.full_like(ramp, 0.5), torch.full_like(ramp, 0.5), used)
+    assert not looks_clipped(0 * ramp, ramp, used)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from torchbrdf.report._improvements import MOST, improvements
+from torchbrdf.report._improvements import MOST, improvements, sentence
 from torchbrdf.report.advice import TOPICS
 from torchbrdf.report.grade import FAIR_RESIDUAL, FAIR_SPREAD, GOOD_RESIDUAL, GOOD_SPREAD, HARMLESS, SPOILS, grade_of
 
@@ -36,3 +36,8 @@ def test_errors_of_the_capture_come_before_more_light_and_one_action_says_one_th
     found = improvements(["uncertain", "unexplained", "normals"], ["gloss"])
     assert found == ["normals", "unexplained"]
     assert len(found) == MOST
+
+
+def test_what_was_tried_is_not_recommended():
+    assert sentence("unexplained", []).startswith("Fit again with `--align`; mask ")
+    assert sentence("unexplained", ["--align", "--robust"]) == "Mask reflections of things near by."

@@ -135,7 +135,10 @@ def write_page(path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scen
         "classes": f"{fitted.classes.sizes} basis BRDFs",
     }
     observability = fitted.setting.observability
-    for doubt in write_report(path, fitted.subject, description, observability=observability, scene=scene):
+    tried = (["--align"] if "alignment" in settings else []) + (["--robust"] if fitted.estimator.robust else [])
+    for doubt in write_report(
+        path, fitted.subject, description, observability=observability, scene=scene, tried=tried
+    ):
         warnings.warn(doubt, UserWarning, stacklevel=2)
 
 

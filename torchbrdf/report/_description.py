@@ -30,6 +30,10 @@ _NARROWEST = 0.5
 """Degrees: narrower is said to be so, as the cells and the pixels hold no more."""
 
 
+_PLATEAU, _CLIPPED, _ABOVE = 1e-3, 4, 0.02
+"""Pixels within such a share of the brightest, so many of them, and how much brighter the fit is there: clipped."""
+
+
 @dataclass(frozen=True, eq=False)
 class Alike:
     """A material of the library, how much it differs from a photograph in display values, and its picture there."""
@@ -92,6 +96,15 @@ def gloss_of(table: MerlTable) -> Gloss:
         width = float(np.interp(half, [bright[i], bright[i - 1]], [theta_h[i], theta_h[i - 1]]))
     red, green, blue = (pi * beside).tolist()
     return Gloss(width, peak / rest if rest > 0 else float("inf"), (red, green, blue))
+
+
+def looks_clipped(photograph: Tensor, fitted: Tensor, used: Tensor) -> bool:
+    """Whether several pixels are as bright as the brightest of a photograph (3, H, W), and darker than the fit."""
+    for y, fit in zip(photograph[:, used[0]], fitted[:, used[0]], strict=True):
+        top = y > (1 - _PLATEAU) * y.max()
+        if y.max() > 0 and int(top.sum()) >= _CLIPPED and float(fit[top].mean()) > (1 + _ABOVE) * float(y.max()):
+            return True
+    return False
 
 
 def in_words(names: Sequence[str]) -> str:

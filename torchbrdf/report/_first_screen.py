@@ -1,6 +1,6 @@
 """The report's first screen: is it good, what is it, what would make it better."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from html import escape
 
 import torch
@@ -8,9 +8,9 @@ from torch.nn.functional import avg_pool2d
 
 from torchbrdf.estimation import Gap
 from torchbrdf.images import exposure_for, tone_map
-from torchbrdf.report._description import Alike, gloss_of, in_words, most_alike
+from torchbrdf.report._description import Alike, gloss_of, in_words, looks_clipped, most_alike
 from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map
-from torchbrdf.report._improvements import improvements
+from torchbrdf.report._improvements import Tried, improvements, sentence
 from torchbrdf.report._pictures import ball, kind_of
 from torchbrdf.report._spread import spread_scale
 from torchbrdf.report.advice import ADVICE, Topic, marked
@@ -24,22 +24,27 @@ _SMALL = 40
 """Pixels along a side of the pictures of materials that look alike, at most."""
 
 
-def first_screen(evidence: Evidence, view: View, basis: BasisImages, acts: Sequence[Topic]) -> str:
+def first_screen(
+    evidence: Evidence, view: View, basis: BasisImages, acts: Sequence[Topic], tried: Collection[Tried]
+) -> str:
     """HTML of the three answers and of the pictures.
 
     basis  of the photograph
     acts   what to act on, see `acts_on`
+    tried  options that the result was made with
     """
     return (
         f'<div class="answers">\n{_good(evidence)}\n{_pictures(evidence, view)}\n<div class="halves">\n'
-        f"{_what(evidence, view, basis)}\n{_better(acts)}\n</div>\n</div>"
+        f"{_what(evidence, view, basis)}\n{_better(acts, tried)}\n</div>\n</div>"
     )
 
 
 def acts_on(evidence: Evidence, gaps: Sequence[Gap]) -> list[Topic]:
     """What would make the result better, what helps most first; gaps are the light's."""
-    doubted = [doubt.topic for doubt in evidence.doubts]
-    return improvements([*doubted, *shortcomings(evidence.found.error, evidence.typical_spread)], gaps)
+    found = [doubt.topic for doubt in evidence.doubts]
+    found += shortcomings(evidence.found.error, evidence.typical_spread)
+    clipped = looks_clipped(evidence.photograph, evidence.found.fitted, evidence.used)
+    return improvements([*found, "clipped"] if clipped else found, gaps)
 
 
 def _good(evidence: Evidence) -> str:
@@ -104,11 +109,10 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
     return f'<div class="answer"><h2>What is it?</h2><div class="alike">{shots}</div>{text}</div>'
 
 
-def _better(acts: Sequence[Topic]) -> str:
+def _better(acts: Sequence[Topic], tried: Collection[Tried]) -> str:
     if acts:
         items = "".join(
-            f'<li>{marked(ADVICE[topic].action or "")}. <a href="#{ADVICE[topic].anchor}">Why</a></li>'
-            for topic in acts
+            f'<li>{marked(sentence(topic, tried))} <a href="#{ADVICE[topic].anchor}">Why</a></li>' for topic in acts
         )
         said = f"<ol>{items}</ol>"
     else:

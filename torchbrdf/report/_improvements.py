@@ -1,14 +1,18 @@
 """What would make a result better: the actions that help most."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from typing import Literal
 
 from torchbrdf.estimation import Gap
 from torchbrdf.report.advice import ADVICE, Topic
 
+Tried = Literal["--align", "--robust"]
+
 MOST = 2
 """Actions at once: who is told ten does none."""
 
-_ORDER: tuple[Topic, ...] = ("normals", "too-bright", "unexplained", "gloss", "shadow", "uncertain", "grazing")
+_CAPTURE: tuple[Topic, ...] = ("normals", "clipped", "too-bright", "unexplained")
+_ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing")
 """Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first."""
 
 _SAME = {"gloss", "shadow", "uncertain", "grazing"}
@@ -23,4 +27,11 @@ def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
     """
     found = [topic for topic in _ORDER if topic in {*doubted, *gaps}]
     more_light = [topic for topic in found if topic in _SAME]
-    return [topic for topic in found if topic not in more_light[1:] and ADVICE[topic].action][:MOST]
+    return [topic for topic in found if topic not in more_light[1:] and ADVICE[topic].actions][:MOST]
+
+
+def sentence(topic: Topic, tried: Collection[Tried]) -> str:
+    """What to do, as a sentence, without options that were tried."""
+    clauses = [clause for clause in ADVICE[topic].actions if not any(f"`{option}`" in clause for option in tried)]
+    text = ", or ".join(filter(None, ("; ".join(clauses[:-1]), clauses[-1])))
+    return f"{text[0].upper()}{text[1:]}."

@@ -49,9 +49,8 @@ def numbers_section(evidence: Evidence) -> str:
         f"deviation of at most {limits.GOOD_SPREAD:.0%} under another light; <b>fair</b> at most "
         f"{limits.FAIR_RESIDUAL:.0%} and {limits.FAIR_SPREAD:.0%}; else <b>poor</b>. "
         "WAITING</p>",
-        f'<p class="soft">There is no warning with a residual of at most {LARGE_RESIDUAL:.0%}, {apart}, sum of |weights|'
-        f" at most {OSCILLATION:g} times their sum, at most "
-        f"{LARGE_CLAMPED_SHARE:.0%} clamped.</p>",
+        f'<p class="soft">There is no warning with a residual of at most {LARGE_RESIDUAL:.0%}, {apart}, '
+        f"sum of |weights| at most {OSCILLATION:g} times their sum, at most {LARGE_CLAMPED_SHARE:.0%} clamped.</p>",
         "<p><b>A small residual proves nothing.</b> Plain least squares always has the smallest, and often the worst "
         "BRDF. Look at the pictures under light that was not photographed: a spike in the centre, dark spots, rings "
         "around the highlight or a rim of another colour are marks of a wrong BRDF.</p>",

@@ -9,8 +9,10 @@ from html import escape
 from typing import Literal, get_args
 
 Topic = Literal[
-    "unexplained", "too-bright", "uncertain", "normals", "gloss", "grazing", "shadow", "class", "oscillation", "clamped"
-]
+    "unexplained", "clipped", "too-bright",
+    "uncertain", "normals", "gloss", "grazing", "shadow",
+    "class", "oscillation", "clamped",
+]  # fmt: skip
 TOPICS: tuple[Topic, ...] = get_args(Topic)
 """In the order of docs/warnings.md: what is wrong with the capture, what the light leaves open, marks of the result."""
 
@@ -20,14 +22,14 @@ class Advice:
     """What a warning means, and what to do.
 
     title    names it in a few words
-    action   the one thing that helps most, an imperative; None where there is nothing to do but look
+    actions  what helps most, as clauses of a sentence; none where there is nothing to do but look
     meaning, remedy  a paragraph each
     page     of docs/, with the heading that says more
     heading  its words
     """
 
     title: str
-    action: str | None
+    actions: tuple[str, ...]
     meaning: str
     remedy: str
     page: str
@@ -42,7 +44,11 @@ class Advice:
 ADVICE: dict[Topic, Advice] = {
     "unexplained": Advice(
         "Much of the photograph is unexplained",
-        "Fit again with `--align`; mask clipped highlights and reflections of things near by, or try `--robust`",
+        (
+            "fit again with `--align`",
+            "mask reflections of things near by",
+            "try `--robust`",
+        ),
         "No material that the library can make looks like the photograph under this light. As a rule the light is "
         "not the one that the ball saw: a probe turned by two degrees makes the error five times as large. Clipped "
         "highlights come next. Where the library lacks the kind of material, such as one that is anisotropic, "
@@ -54,9 +60,25 @@ ADVICE: dict[Topic, Advice] = {
         "capture_guide.md#what-a-defect-costs",
         "Capture guide: what a defect costs",
     ),
+    "clipped": Advice(
+        "Highlights look clipped",
+        (
+            "mask the clipped highlights, or merge a shorter exposure with `torchbrdf merge`",
+        ),
+        "Several pixels are exactly as bright as the brightest, and the fit is brighter there. So looks a highlight "
+        "that the camera could not record. Clipped pixels that are used say that the highlight is lower and broader "
+        "than it is, and cost more than any other defect but a turned probe.",
+        "Merge exposures of which the shortest is clipped nowhere on the ball. Or mask the pixels, or mark them in "
+        "the photograph as infinite; without them the rest of the highlight still tells its shape. `--robust` finds "
+        "most of them.",
+        "capture_guide.md#what-a-defect-costs",
+        "Capture guide: what a defect costs",
+    ),
     "too-bright": Advice(
         "More light comes out than goes in",
-        "Bring photograph and probe to the same units, with exposure times, aperture and ISO of both",
+        (
+            "bring photograph and probe to the same units, with exposure times, aperture and ISO of both",
+        ),
         "The BRDF reflects more light than arrives, which no material does. The photograph is too bright for the "
         "probe, or the probe too dark: one of them was scaled, or exposed otherwise, or lamps are clipped in the "
         "probe. The BRDF is off by the same factor; its shape may be right.",
@@ -69,8 +91,10 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "uncertain": Advice(
         "Uncertain under other light",
-        "Take a second photograph from another side or under another light, and fit both with `--same-material`; "
-        "`torchbrdf observe --probe PROBE --suggest` says which one",
+        (
+            "take a second photograph from another side or under another light, and fit both with "
+            "`--same-material`; `torchbrdf observe --probe PROBE --suggest` says which one",
+        ),
         "Many BRDFs explain this photograph, and they look different under other light. What the result shows there "
         "comes from what the library's materials have in common, not from the photograph.",
         "Take a second photograph of the ball, with the camera gone round it or under another light. `torchbrdf "
@@ -81,7 +105,9 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "normals": Advice(
         "Too few normals",
-        "Photograph a ball of the material, or another shape that is curved both ways",
+        (
+            "photograph a ball of the material, or another shape that is curved both ways",
+        ),
         "The shape turns too few of its normals towards the camera. Each pixel then sees nearly the same cells of "
         "the BRDF, and what is left is the library's guess.",
         "Photograph a ball, or a shape that is curved both ways. A plane, a cube and a cylinder do not do.",
@@ -90,8 +116,10 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "gloss": Advice(
         "This light does not tell gloss",
-        "Photograph under light with edges or small bright lamps; `torchbrdf observe --probe PROBE --suggest` says "
-        "which lamp or second photograph helps most",
+        (
+            "photograph under light with edges or small bright lamps; `torchbrdf observe --probe PROBE --suggest` "
+            "says which lamp or second photograph helps most",
+        ),
         "Gloss is seen in how an edge of the light is blurred. This light is so even that a glossy and a matt "
         "material of one albedo look nearly alike under it. That holds for any material and any photograph under "
         "it, however well it is fitted.",
@@ -102,8 +130,10 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "grazing": Advice(
         "No light from behind",
-        "Grazing reflection is a guess: add a photograph with the camera gone round to the other side, fitted "
-        "together by `--same-material`",
+        (
+            "grazing reflection is a guess: add a photograph with the camera gone round to the other side, fitted "
+            "together by `--same-material`",
+        ),
         "Reflection at grazing angles, where nearly every material becomes a mirror, shows along the rim of the "
         "ball, and only if there is light behind it. Here there is little, so the rim under other light is the "
         "library's guess.",
@@ -115,8 +145,10 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "shadow": Advice(
         "Much lies in shadow",
-        "Add light from other sides, or a second photograph with the camera gone round, fitted together by "
-        "`--same-material`",
+        (
+            "add light from other sides, or a second photograph with the camera gone round, fitted together by "
+            "`--same-material`",
+        ),
         "No light reaches a part of the picture. A single lamp shows one slice of the BRDF, a single angle between "
         "light and camera, and a probe that is off by a degree then spoils all of it.",
         "Add light from other sides, if only from white walls. Or take more photographs with the camera gone round "
@@ -126,10 +158,10 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "class": Advice(
         "The class is not told",
-        None,
+        (),
         "The library's materials are sorted into classes, from dull to mirror-like, and this photograph fits "
         "several. The result averages them by their probabilities; with a fixed penalty it is that of the best one "
-        "alone. Two or three photographs in ten are like that, and the result need not be worse for it.",
+        "alone. Three photographs in ten are like that, and the result need not be worse for it.",
         "Compare the candidates of the classes in the report. Where they look alike, it does not matter. Where "
         "their highlights differ, a light with sharper edges or a second photograph decides.",
         "uncertainty.md#classes",
@@ -137,7 +169,7 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "oscillation": Advice(
         "Weights cancel each other",
-        None,
+        (),
         "The result is a small difference of large materials. With a small fixed penalty, or none, such weights fit "
         "the photograph, noise included, and little else.",
         "WAITING",
@@ -146,7 +178,7 @@ ADVICE: dict[Topic, Advice] = {
     ),
     "clamped": Advice(
         "Negative values were cut off",
-        None,
+        (),
         "A combination of measured BRDFs with weights of both signs can be negative in some cells, which no "
         "material is. They are set to zero. That changes nothing where the photograph looks, and may leave dark "
         "spots or rings elsewhere.",
@@ -159,5 +191,6 @@ ADVICE: dict[Topic, Advice] = {
 
 
 def marked(text: str) -> str:
-    """HTML of words with `code`."""
-    return re.sub("`([^`]*)`", r"<code>\1</code>", escape(text, quote=False))
+    """HTML of words with `code`, whose options stay whole at the end of a line."""
+    code = re.sub("`([^`]*)`", r"<code>\1</code>", escape(text, quote=False))
+    return re.sub(r"(?<![\w-])--[\w-]+", r"<span>\g<0></span>", code)

@@ -5,7 +5,7 @@ light probes, under directional lights, and as curves.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from html import escape
 from math import isfinite, log2
 
@@ -31,6 +31,7 @@ from torchbrdf.report._figures import (
     theta_h_plot,
 )
 from torchbrdf.report._first_screen import acts_on, first_screen
+from torchbrdf.report._improvements import Tried
 from torchbrdf.report._numbers import numbers_section
 from torchbrdf.report._observability_section import observability_section
 from torchbrdf.report._pictures import kind_of, light_picture, short_name, sphere_plate
@@ -59,6 +60,7 @@ def write_report(
     *,
     observability: Observability | None = None,
     scene: Scene | None = None,
+    tried: Collection[Tried] = (),
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> list[str]:
@@ -68,6 +70,7 @@ def write_report(
     description  settings to list, name -> value; a "title" becomes the title of the page
     observability  what the light and the view can tell at all, for a section of its own
     scene        the whole photograph of a ball, for a section of its own
+    tried        options of `torchbrdf fit` that need not be recommended, as the result was made with them
     size         pixels along a side of the spheres under other light
     samples      a pixel, for candidates where the library's harmonic transport was not precomputed
     The file is whole or absent.
@@ -78,9 +81,7 @@ def write_report(
     acts = acts_on(evidence, () if observability is None else observability.gaps)
     body = [
         f"<h1>{escape(title)}</h1>",
-        first_screen(evidence, view, subject.basis, acts),
-        *warnings_section(evidence, acts),
-        numbers_section(evidence),
+        first_screen(evidence, view, subject.basis, acts, tried),
         _observed(evidence, view),
         *([] if scene is None else [silhouette_section(scene)]),
         _novel(evidence),
@@ -89,6 +90,8 @@ def write_report(
         classes_section(evidence, view),
         _curves(evidence),
         _weights(evidence),
+        *warnings_section(evidence, acts),
+        numbers_section(evidence),
         _settings(settings, subject),
     ]
     with writing(path) as temporary:

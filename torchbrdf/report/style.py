@@ -32,6 +32,7 @@ p { max-width: 46em; margin: 6px 0 12px; }
 figcaption .scale, figcaption .ends { margin-top: 3px; } figcaption .scale { display: block; height: 6px; }
 h3 { font-size: 15px; font-weight: 600; margin: 20px 0 4px; }
 code { font: 0.92em "SFMono-Regular", Menlo, Consolas, "Liberation Mono", monospace; overflow-wrap: anywhere; }
+code span { white-space: nowrap; }
 a { color: #1a5a96; }
 .caution { border-left: 3px solid #c58a00; padding: 2px 0 2px 14px; margin: 10px 0; max-width: 48em; }
 .caution ul, .caution p { margin: 4px 0; padding-left: 0; list-style: none; }
