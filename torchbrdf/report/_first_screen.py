@@ -10,7 +10,7 @@ from torchbrdf.estimation import Gap
 from torchbrdf.images import exposure_for, tone_map
 from torchbrdf.report._description import Alike, gloss_of, in_words, looks_clipped, most_alike
 from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map
-from torchbrdf.report._improvements import Tried, improvements, sentence
+from torchbrdf.report._improvements import improvements, sentence
 from torchbrdf.report._pictures import ball, kind_of
 from torchbrdf.report._spread import spread_scale
 from torchbrdf.report.advice import ADVICE, Topic, marked
@@ -25,7 +25,7 @@ _SMALL = 40
 
 
 def first_screen(
-    evidence: Evidence, view: View, basis: BasisImages, acts: Sequence[Topic], tried: Collection[Tried]
+    evidence: Evidence, view: View, basis: BasisImages, acts: Sequence[Topic], tried: Collection[str]
 ) -> str:
     """HTML of the three answers and of the pictures.
 
@@ -109,7 +109,7 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
     return f'<div class="answer"><h2>What is it?</h2><div class="alike">{shots}</div>{text}</div>'
 
 
-def _better(acts: Sequence[Topic], tried: Collection[Tried]) -> str:
+def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:
     if acts:
         items = "".join(
             f'<li>{marked(sentence(topic, tried))} <a href="#{ADVICE[topic].anchor}">Why</a></li>' for topic in acts

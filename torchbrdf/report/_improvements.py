@@ -1,12 +1,9 @@
 """What would make a result better: the actions that help most."""
 
 from collections.abc import Collection, Iterable, Sequence
-from typing import Literal
 
 from torchbrdf.estimation import Gap
 from torchbrdf.report.advice import ADVICE, Topic
-
-Tried = Literal["--align", "--robust"]
 
 MOST = 2
 """Actions at once: who is told ten does none."""
@@ -30,7 +27,7 @@ def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
     return [topic for topic in found if topic not in more_light[1:] and ADVICE[topic].actions][:MOST]
 
 
-def sentence(topic: Topic, tried: Collection[Tried]) -> str:
+def sentence(topic: Topic, tried: Collection[str]) -> str:
     """What to do, as a sentence, without options that were tried."""
     clauses = [clause for clause in ADVICE[topic].actions if not any(f"`{option}`" in clause for option in tried)]
     text = ", or ".join(filter(None, ("; ".join(clauses[:-1]), clauses[-1])))

@@ -31,7 +31,6 @@ from torchbrdf.report._figures import (
     theta_h_plot,
 )
 from torchbrdf.report._first_screen import acts_on, first_screen
-from torchbrdf.report._improvements import Tried
 from torchbrdf.report._numbers import numbers_section
 from torchbrdf.report._observability_section import observability_section
 from torchbrdf.report._pictures import kind_of, light_picture, short_name, sphere_plate
@@ -60,7 +59,7 @@ def write_report(
     *,
     observability: Observability | None = None,
     scene: Scene | None = None,
-    tried: Collection[Tried] = (),
+    tried: Collection[str] = (),
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> list[str]:

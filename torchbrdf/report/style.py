@@ -7,7 +7,7 @@ STYLE = """
 body { margin: 0; background: #fff; color: var(--ink);
   font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, "Liberation Sans", sans-serif; }
 main { max-width: 1000px; margin: 0 auto; padding: 28px 32px 64px; }
-h1 { font-size: 30px; font-weight: 300; letter-spacing: -.01em; margin: 0 0 4px; }
+h1 { font-size: 30px; font-weight: 300; letter-spacing: -.01em; margin: 0 0 4px; overflow-wrap: anywhere; }
 h2 { font-size: 19px; font-weight: 400; margin: 44px 0 6px; padding-top: 12px; border-top: 1px solid var(--line); }
 p { max-width: 46em; margin: 6px 0 12px; }
 .soft, figcaption, .note { color: var(--soft); }
