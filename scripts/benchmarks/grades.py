@@ -9,7 +9,8 @@ Every eighth material of the embedded library, left out with its family and the 
 photographed under each light with 1 % noise, and then with a defect more each time. The report's grade comes from that
 photograph alone; the error is |rendered - truth| / |truth| under other light, the mean over the same light from two
 other sides and torchbrdf's room from two. The limits of the grades were chosen on the even ones of these materials.
-With --targets the materials are measured ones, each without its family, and the other lights are the other probes.
+With --targets the materials are measured ones, each without its family, the other lights are the other probes, and the
+light is not turned.
 
 OUT holds one file a light: run the same command again to continue.
 """
@@ -36,6 +37,7 @@ from torchbrdf.brdf.albedo import albedo_of
 from torchbrdf.command_line import RESUMABLE, Parser, exit_status
 from torchbrdf.experiments import (
     Experiment,
+    Target,
     default_probes,
     markdown_table,
     noisy_observations,
@@ -187,32 +189,32 @@ def left_out(library: tb.MaterialLibrary, light: str, judge: Judge) -> Iterator[
 
 
 def measured(folds: Sequence[Experiment], light: str, judge: Judge) -> Iterator[Row]:
-    """Measured materials under a probe; where the light is to be turned, the probe that the estimator has is."""
+    """Measured materials under a probe."""
     materials = sorted(material for fold in folds for material in fold.materials)
-    whole = folds[0]
     library = tb.MaterialLibrary.from_files("default")
-    room = tb.render_basis(library, tb.LightProbe.default(), whole.view)
-    turned = {
-        f"light turned by {degrees} degrees": tb.render_basis(
-            library, whole.probes[light].rotated(tilt(degrees)), whole.view
-        )
-        for degrees in TURNS
-    }
+    room, classes = tb.render_basis(library, tb.LightProbe.default(), folds[0].view), tb.MaterialClasses.fit(library)
     for fold in tqdm(folds, desc=light, leave=False):
-        names, classes = fold.library.names, tb.MaterialClasses.fit(fold.library)
-        aligned = tb.BRDFEstimator(fold.bases[light], classes)
-        others = {name: tb.BRDFEstimator(one.subset(names), classes) for name, one in turned.items()}
+        names = fold.library.names
+        estimator = tb.BRDFEstimator(fold.bases[light], whole_without(classes, fold.library))
         for material in fold.materials:
             photographs = defects(fold.targets[light][material].photograph, fold.view, f"{material} {light}")
-            results = list(solved(aligned, photographs))
-            for defect, estimator in others.items():
-                results += [(defect, result) for _, result in solved(estimator, {"none": photographs["none"]})]
-            for defect, result in results:
+            for defect, result in solved(estimator, photographs):
                 shown = fold.relit(result.weights[None], [name for name in fold.probes if name != light])
                 errors = [fold.error(images[0], material, name) for name, images in shown.items()]
                 even = materials.index(material) % 2 == 0
                 labels = {"material": material, "light": light, "defect": defect, "even": even}
                 yield judge.row(result, room.subset(names), errors, **labels)
+
+
+def experiment(library: tb.MaterialLibrary, folder: Path) -> Experiment:
+    """The targets of a folder, with basis images as the commands render them."""
+    probes = open_probes([path for path in default_probes() if (folder / path.stem).is_dir()])
+    found: dict[str, dict[str, Target]] = {name: {} for name in probes}
+    for target in read_targets(folder):
+        found[target.probe][target.material] = target
+    view = tb.SphereView(next(iter(next(iter(found.values())).values())).size)
+    bases = {name: tb.render_basis(library, probe, view) for name, probe in probes.items()}
+    return Experiment(library, view, probes, found, bases)
 
 
 def grades_of(rows: Iterable[Row]) -> str:
@@ -245,10 +247,8 @@ def run(options: argparse.Namespace) -> None:
     folds: list[Experiment] = []
     lights = options.lights or list(LIGHTS)
     if options.targets is not None:
-        targets = read_targets(options.targets)
-        known = open_probes([path for path in default_probes() if (options.targets / path.stem).is_dir()])
-        folds = Experiment.of(library, known, targets).folds("family")
-        lights = options.lights or list(known)
+        folds = experiment(library, options.targets).folds("family")
+        lights = options.lights or list(folds[0].probes)
     rows: list[Row] = []
     judge = None
     for light in lights:

@@ -48,7 +48,8 @@ def numbers_section(evidence: Evidence) -> str:
         f"<p><b>Good</b> leaves at most {limits.GOOD_RESIDUAL:.0%} of the photograph unexplained and has a standard "
         f"deviation of at most {limits.GOOD_SPREAD:.0%} under another light; <b>fair</b> at most "
         f"{limits.FAIR_RESIDUAL:.0%} and {limits.FAIR_SPREAD:.0%}; else <b>poor</b>. "
-        "WAITING</p>",
+        "So are results with a warning on the shape, on the units, or on the uncertainty. The grade knows nothing of "
+        "an exposure that differs between photograph and probe: the BRDF is off by the same factor.</p>",
         f'<p class="soft">There is no warning with a residual of at most {LARGE_RESIDUAL:.0%}, {apart}, '
         f"sum of |weights| at most {OSCILLATION:g} times their sum, at most {LARGE_CLAMPED_SHARE:.0%} clamped.</p>",
         "<p><b>A small residual proves nothing.</b> Plain least squares always has the smallest, and often the worst "
