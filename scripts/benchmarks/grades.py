@@ -49,6 +49,7 @@ from torchbrdf.experiments import (
 )
 from torchbrdf.files import writing
 from torchbrdf.light import other_lights
+from torchbrdf.report.advice import TOPICS, Topic
 from torchbrdf.report.doubts import ClassShare, doubts, oscillation_of
 from torchbrdf.report.grade import FAIR_ERROR, GOOD_ERROR, GRADES, Word, grade_of
 
@@ -84,8 +85,8 @@ class Row:
         return statistics.mean(self.errors)
 
     @property
-    def word(self) -> Word:
-        """The grade."""
+    def topics(self) -> list[Topic]:
+        """What there would be warnings of."""
         found = doubts(
             error=self.residual,
             classes=[ClassShare(0, self.probability, 0.0), ClassShare(1, 1 - self.probability, 0.0)],
@@ -96,7 +97,12 @@ class Row:
             distrust=None,
             spread=self.spread,
         )
-        return grade_of(self.residual, self.spread, [doubt.topic for doubt in found]).word
+        return [doubt.topic for doubt in found]
+
+    @property
+    def word(self) -> Word:
+        """The grade."""
+        return grade_of(self.residual, self.spread, self.topics).word
 
 
 class Judge:
@@ -241,6 +247,17 @@ def by_defect(rows: Sequence[Row], key: str) -> str:
     return markdown_table([key, "good", "fair", "poor", "error, median, %"], table)
 
 
+def by_warning(rows: Sequence[Row]) -> str:
+    """Table: how large a part of the standard deviation the error is, with each warning and without."""
+    table = []
+    for topic in TOPICS:
+        parts = [[row.error / row.spread for row in rows if (topic in row.topics) == there] for there in (True, False)]
+        if all(parts):
+            medians = [f"{statistics.median(part):.2f}" for part in parts]
+            table.append([topic, str(len(parts[0])), *medians, f"{max(parts[0]):.2f}"])
+    return markdown_table(["warning", "photographs", "error / deviation", "without it", "worst"], table)
+
+
 def run(options: argparse.Namespace) -> None:
     library = tb.MaterialLibrary.from_files("default")
     options.output.mkdir(parents=True, exist_ok=True)
@@ -261,7 +278,7 @@ def run(options: argparse.Namespace) -> None:
         rows += [Row(**each) for each in json.loads(path.read_text())]
     for name, some in (("chose the limits" if not folds else "one half", True), ("the others", False)):
         print(f"Materials: {name}\n\n{grades_of(row for row in rows if row.even == some)}\n")
-    print(by_defect(rows, "defect"), by_defect(rows, "light"), sep="\n\n")
+    print(by_defect(rows, "defect"), by_defect(rows, "light"), by_warning(rows), sep="\n\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
