@@ -96,8 +96,8 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
     sentences = [
         f"In this photograph it looks most like {names} of the library, to {alike[0].difference:.1%} of white.",
         f"{gloss}.",
-        f"{_swatch(albedo)}It reflects {_shares(albedo)} of red, green and blue light from the front; "
-        f"{_swatch(gloss.beside)}beside the highlight it is as bright as a matt surface of {_shares(gloss.beside)}.",
+        f"{_swatch(albedo)}Reflects {_shares(albedo)} of red, green, blue light from the front.",
+        f"{_swatch(gloss.beside)}Beside the highlight as a matt surface of {_shares(gloss.beside)}.",
     ]
     if len(evidence.candidates) > 1:
         sure = "best" if best.probability is None else f"{best.probability:.0%}"
@@ -116,11 +116,11 @@ def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:
         )
         said = f"<ol>{items}</ol>"
     else:
-        said = (
-            "<p>Nothing stands out. What helps most is a second photograph, from another side or under another "
-            "light: <code>torchbrdf observe --probe PROBE --suggest</code> says which, and <code>torchbrdf fit "
-            "--same-material</code> takes both.</p>"
+        text = (
+            "Nothing stands out. What helps most is a second photograph, from another side or under another light: "
+            "`torchbrdf observe --probe PROBE --suggest` says which, and `torchbrdf fit --same-material` takes both."
         )
+        said = f"<p>{marked(text)}</p>"
     return f'<div class="answer"><h2>What would make it better?</h2>{said}</div>'
 
 
