@@ -1,5 +1,6 @@
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 from sphinx.application import Sphinx
 
@@ -10,10 +11,15 @@ author = "the torchbrdf developers"
 copyright = "the torchbrdf developers"
 version = release = torchbrdf.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+
+# Tutorials are shown as they ran (scripts/make_notebooks.py); a page that has not run yet is shown without outputs.
+nb_execution_mode = "off"
+nb_merge_streams = True
+exclude_patterns += [f"tutorials/{path.stem}.md" for path in (Path(__file__).parent / "tutorials").glob("*.ipynb")]
 
 highlight_language = "none"
 
