@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Notebooks of the tutorials: run every cell of docs/tutorials/NAME.md, and write NAME.ipynb and NAME.png beside it.
+"""Notebooks of the tutorials: run every cell of a page NAME.md in docs/tutorials, and write NAME.ipynb and NAME.png.
 
-    python scripts/make_notebooks.py                  # after a page was changed: all of them, in two to four minutes
+    python scripts/make_notebooks.py                  # after pages were changed: all of them, in two to four minutes
     python scripts/make_notebooks.py photographs      # one
     python scripts/make_notebooks.py --check          # as CI does: run all, and compare, but write nothing
 
-A page is a MyST text notebook: prose and cells. Cells run in an empty folder that stands where the clone's
-docs/tutorials does, so that `%cd ../..` leads to its root; nothing is written into the clone. NAME.png is the picture of
-the cell that is tagged `cover`. The documentation shows the notebooks as they are, so building it runs nothing.
+A page is a MyST text notebook: prose and cells. Cells run in an empty folder that stands where docs/tutorials does in
+the clone, so that `%cd ../..` leads to its root; nothing is written into the clone. NAME.png is the picture of the cell
+that is tagged `cover`. The documentation shows the notebooks as they are, so building it runs nothing.
 """
 
 import argparse
@@ -55,6 +55,11 @@ def read_page(path: Path) -> Any:
     notebook = jupytext.read(path, fmt="md:myst")
     for i, cell in enumerate(notebook.cells):
         cell["id"] = f"cell-{i}"
+    return _plain(notebook)
+
+
+def _plain(notebook: Any) -> Any:
+    """The notebook with metadata that tell nothing of the machine it ran on."""
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     notebook.metadata = type(notebook.metadata)(kernelspec=kernel, language_info={"name": "python"})
     return notebook
@@ -97,7 +102,7 @@ def executed(page: Path, clone: Path = ROOT) -> Any:
         for output in cell.get("outputs", ()):
             if output.output_type == "stream":
                 output.text = re.sub(re.escape(work) + r"(/docs/tutorials)?/?", "", output.text) or "\n"
-    return notebook
+    return _plain(notebook)
 
 
 def _path() -> str:
@@ -155,7 +160,7 @@ def run(options: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser.of_script(__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="of docs/tutorials/NAME.md; default: all")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="of pages NAME.md; default: all")
     parser.add_argument("--folder", type=Path, default=PAGES, help="of the pages; default: docs/tutorials")
     parser.add_argument("--check", action="store_true", help="run and compare, write nothing")
     return exit_status("make_notebooks", run, parser.parse_args(argv), "interrupted; finished notebooks were kept")
