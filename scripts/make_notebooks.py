@@ -3,6 +3,7 @@
 
     python scripts/make_notebooks.py                  # after pages were changed: all of them, in two to four minutes
     python scripts/make_notebooks.py photographs      # one
+    python scripts/make_notebooks.py --prose          # after changes to prose alone: cells keep their outputs
     python scripts/make_notebooks.py --check          # as CI does: run all, and compare, but write nothing
 
 A page is a MyST text notebook: prose and cells. Cells run in an empty folder that stands where docs/tutorials does in
@@ -39,6 +40,10 @@ COVER = "cover"
 
 _SECONDS = 300
 """That a cell may take."""
+
+_PROGRESS = re.compile(r"\d%\|.*\|")
+_PLACE = re.compile(r"\S*ipykernel_\d+\S*?:\d+: ")
+"""A bar that was not wiped out, and where in a cell a warning arose."""
 
 
 def pages(names: Sequence[str] = (), folder: Path = PAGES) -> list[Path]:
@@ -81,6 +86,19 @@ def difference(page: Path) -> str | None:
     return None
 
 
+def retold(page: Path) -> Any:
+    """The notebook of a page with the outputs of the one beside it; raises ValueError where their code is not the same."""
+    path = page.with_suffix(".ipynb")
+    notebook, old = read_page(page), jupytext.read(path) if path.exists() else None
+    ran = [] if old is None else [cell for cell in old.cells if cell.cell_type == "code"]
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    if [cell.source for cell in ran] != [cell.source for cell in cells]:
+        raise ValueError(f"{path.name}: its code is not that of {page.name}; run it without --prose")
+    for cell, one in zip(cells, ran, strict=True):
+        cell.execution_count, cell.outputs = one.execution_count, one.outputs
+    return notebook
+
+
 def executed(page: Path, clone: Path = ROOT) -> Any:
     """The notebook of a page with the outputs of its cells, run in a folder that is removed afterwards.
 
@@ -96,13 +114,28 @@ def executed(page: Path, clone: Path = ROOT) -> Any:
         (Path(work) / "scripts").symlink_to(clone / "scripts")
         nbclient.NotebookClient(
             notebook, timeout=_SECONDS, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
-        ).execute(env={**os.environ, "TQDM_DISABLE": "1", "PATH": _path()})
+        ).execute(env={**os.environ, "PATH": _path()})
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
-        for output in cell.get("outputs", ()):
-            if output.output_type == "stream":
-                output.text = re.sub(re.escape(work) + r"(/docs/tutorials)?/?", "", output.text) or "\n"
+        if "outputs" in cell:
+            cell.outputs = as_on_a_terminal(cell.outputs, work)
     return _plain(notebook)
+
+
+def as_on_a_terminal(outputs: Sequence[Any], work: str) -> list[Any]:
+    """Outputs of a cell with what it wrote in one piece, without progress bars and the folder where it ran."""
+    kept: list[Any] = []
+    for output in outputs:
+        if output.output_type == "stream" and kept and kept[-1].get("name") == output.name:
+            kept[-1].text += output.text
+        else:
+            kept.append(output)
+    for output in kept:
+        if output.output_type == "stream":
+            lines = (line.rsplit("\r", 1)[-1].rstrip() for line in output.text.split("\n"))
+            text = "".join(f"{line}\n" for line in lines if line and not _PROGRESS.search(line))
+            output.text = _PLACE.sub("", re.sub(re.escape(work) + "(/docs/tutorials)?/?", "", text))
+    return [output for output in kept if output.output_type != "stream" or output.text]
 
 
 def _path() -> str:
@@ -144,7 +177,7 @@ def run(options: argparse.Namespace) -> int:
         start = time.monotonic()
         problem = difference(page) if options.check else None
         try:
-            notebook = executed(page)
+            notebook = retold(page) if options.prose else executed(page)
             if not options.check:
                 write_notebook(notebook, page)
         except CellExecutionError as error:
@@ -162,7 +195,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser.of_script(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="of pages NAME.md; default: all")
     parser.add_argument("--folder", type=Path, default=PAGES, help="of the pages; default: docs/tutorials")
-    parser.add_argument("--check", action="store_true", help="run and compare, write nothing")
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("--prose", action="store_true", help="run nothing: keep the outputs, where the code is the same")
+    either.add_argument("--check", action="store_true", help="run and compare, write nothing")
     return exit_status("make_notebooks", run, parser.parse_args(argv), "interrupted; finished notebooks were kept")
 
 
