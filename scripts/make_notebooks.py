@@ -87,7 +87,7 @@ def difference(page: Path) -> str | None:
 
 
 def retold(page: Path) -> Any:
-    """The notebook of a page with the outputs of the one beside it; raises ValueError where their code is not the same."""
+    """The notebook of a page with the outputs of the one beside it; raises ValueError where their code differs."""
     path = page.with_suffix(".ipynb")
     notebook, old = read_page(page), jupytext.read(path) if path.exists() else None
     ran = [] if old is None else [cell for cell in old.cells if cell.cell_type == "code"]
@@ -132,9 +132,9 @@ def as_on_a_terminal(outputs: Sequence[Any], work: str) -> list[Any]:
             kept.append(output)
     for output in kept:
         if output.output_type == "stream":
-            lines = (line.rsplit("\r", 1)[-1].rstrip() for line in output.text.split("\n"))
-            text = "".join(f"{line}\n" for line in lines if line and not _PROGRESS.search(line))
-            output.text = _PLACE.sub("", re.sub(re.escape(work) + "(/docs/tutorials)?/?", "", text))
+            text = _PLACE.sub("", re.sub(re.escape(work) + "(/docs/tutorials)?/?", "", output.text))
+            lines = (line.rstrip().rsplit("\r", 1)[-1] for line in text.split("\n"))
+            output.text = "".join(f"{line}\n" for line in lines if line and not _PROGRESS.search(line))
     return [output for output in kept if output.output_type != "stream" or output.text]
 
 
@@ -196,7 +196,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help="of pages NAME.md; default: all")
     parser.add_argument("--folder", type=Path, default=PAGES, help="of the pages; default: docs/tutorials")
     either = parser.add_mutually_exclusive_group()
-    either.add_argument("--prose", action="store_true", help="run nothing: keep the outputs, where the code is the same")
+    either.add_argument("--prose", action="store_true", help="run nothing, keep the outputs")
     either.add_argument("--check", action="store_true", help="run and compare, write nothing")
     return exit_status("make_notebooks", run, parser.parse_args(argv), "interrupted; finished notebooks were kept")
 

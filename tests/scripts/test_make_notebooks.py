@@ -3,9 +3,11 @@
 from pathlib import Path
 
 import jupytext
+import nbformat
 import pytest
 
 import make_notebooks as script
+from torchbrdf.command_line import BAD_INPUT
 
 HEADER = "---\nfile_format: mystnb\nkernelspec:\n  display_name: Python 3\n  name: python3\n---\n\n"
 
@@ -75,6 +77,18 @@ def test_a_notebook_that_was_not_run_is_told(page: Path):
     assert script.difference(page) == "page.ipynb was not run"
 
 
+def test_prose_is_renewed_without_a_run(page: Path, capsys: pytest.CaptureFixture[str]):
+    before = jupytext.read(written(page))
+    page.write_text(page.read_text().replace("# Title", "# Another title"))
+    assert script.main(["--folder", str(page.parent), "--prose"]) == 0
+    after = jupytext.read(page.with_suffix(".ipynb"))
+    assert after.cells[0].source == "# Another title"
+    assert after.cells[1:] == before.cells[1:]
+    page.write_text(page.read_text().replace("6 * 7", "6 * 8"))
+    assert script.main(["--folder", str(page.parent), "--prose"]) == BAD_INPUT
+    assert "page.ipynb: its code is not that of page.md" in capsys.readouterr().err
+
+
 def test_a_large_notebook_is_not_written(page: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(script, "LARGEST", 10)
     with pytest.raises(ValueError, match=r"page\.ipynb has \d+ bytes, at most 10"):
@@ -107,3 +121,17 @@ class TestRunning:
         assert script.main(["--folder", str(page.parent)]) == script.FAILED
         assert "failed: page" in capsys.readouterr().out
         assert not page.with_suffix(".ipynb").exists()
+
+
+def test_outputs_are_what_a_terminal_shows():
+    def stream(name: str, text: str):
+        return nbformat.v4.new_output("stream", name=name, text=text)
+
+    bar = "\rreading:  50%|#####     | 1/2 [00:00<00:00, 3it/s]\rreading: 100%|##########| 2/2\r             \r"
+    pieces = [stream("stderr", bar), stream("stdout", "wrote /work/docs/tutorials/a"), stream("stdout", ".exr\n\n")]
+    warning = stream("stderr", "/tmp/ipykernel_7/8.py:9: UserWarning: loud\n")
+    shown = script.as_on_a_terminal([*pieces, warning], "/work")
+    assert [(output.name, output.text) for output in shown] == [
+        ("stdout", "wrote a.exr\n"),
+        ("stderr", "UserWarning: loud\n"),
+    ]
