@@ -170,7 +170,7 @@ def write_notebook(notebook: Any, page: Path) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the pages, each to its end or its first failing cell."""
-    from nbclient.exceptions import CellExecutionError
+    from nbclient.exceptions import CellExecutionError, DeadKernelError
 
     failed = []
     for page in pages(options.names, options.folder):
@@ -180,7 +180,7 @@ def run(options: argparse.Namespace) -> int:
             notebook = retold(page) if options.prose else executed(page)
             if not options.check:
                 write_notebook(notebook, page)
-        except CellExecutionError as error:
+        except (CellExecutionError, DeadKernelError) as error:
             problem = str(error)
         print(f"{page.stem}: {time.monotonic() - start:.0f} s", flush=True)
         if problem:
