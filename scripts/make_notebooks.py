@@ -66,7 +66,8 @@ def read_page(path: Path) -> Any:
 def _plain(notebook: Any) -> Any:
     """The notebook with metadata that tell nothing of the machine it ran on."""
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    notebook.metadata = type(notebook.metadata)(kernelspec=kernel, language_info={"name": "python"})
+    language = {"name": "python", "pygments_lexer": "ipython3"}
+    notebook.metadata = type(notebook.metadata)(kernelspec=kernel, language_info=language)
     return notebook
 
 
