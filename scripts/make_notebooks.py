@@ -43,7 +43,8 @@ _SECONDS = 300
 
 _PROGRESS = re.compile(r"\d%\|.*\|")
 _PLACE = re.compile(r"\S*ipykernel_\d+\S*?:\d+: ")
-"""A bar that was not wiped out, and where in a cell a warning arose."""
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
+"""A bar that was not wiped out, where in a cell a warning arose, and what makes terminals colour text."""
 
 
 def pages(names: Sequence[str] = (), folder: Path = PAGES) -> list[Path]:
@@ -133,7 +134,8 @@ def as_on_a_terminal(outputs: Sequence[Any], work: str) -> list[Any]:
             kept.append(output)
     for output in kept:
         if output.output_type == "stream":
-            text = _PLACE.sub("", re.sub(re.escape(work) + "(/docs/tutorials)?/?", "", output.text))
+            text = re.sub(re.escape(work) + "(/docs/tutorials)?/?", "", _COLOUR.sub("", output.text))
+            text = _PLACE.sub("", text)
             lines = (line.rstrip().rsplit("\r", 1)[-1] for line in text.split("\n"))
             output.text = "".join(f"{line}\n" for line in lines if line and not _PROGRESS.search(line))
     return [output for output in kept if output.output_type != "stream" or output.text]

@@ -129,7 +129,7 @@ def test_outputs_are_what_a_terminal_shows():
 
     bar = "\rreading:  50%|#####     | 1/2 [00:00<00:00, 3it/s]\rreading: 100%|##########| 2/2\r             \r"
     pieces = [stream("stderr", bar), stream("stdout", "wrote /work/docs/tutorials/a"), stream("stdout", ".exr\n\n")]
-    warning = stream("stderr", "/tmp/ipykernel_7/8.py:9: UserWarning: loud\n")
+    warning = stream("stderr", "/tmp/ipykernel_7/8.py:9: \x1b[1;33mUserWarning:\x1b[0m loud\n")
     shown = script.as_on_a_terminal([*pieces, warning], "/work")
     assert [(output.name, output.text) for output in shown] == [
         ("stdout", "wrote a.exr\n"),
