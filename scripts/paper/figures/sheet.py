@@ -72,20 +72,24 @@ class Block:
 
 
 def sphere_tile(image: Tensor, exposure: float = 1.0) -> Tensor:
-    """(3, T, T) display values of a SphereView(T) on white, its silhouette smooth.
+    """(3, T, T) display values of a SphereView(T) on white, its silhouette smooth."""
+    grown, cover = continued(image)
+    return torch.lerp(torch.ones(()), tone_map(grown, exposure), cover)
 
-    Pixels that the silhouette cuts hold no radiance; they continue their neighbours, in the share of them that the
-    sphere covers.
+
+def continued(image: Tensor) -> tuple[Tensor, Tensor]:
+    """An image (3, T, T) of a SphereView(T) up to its silhouette, and the share (1, T, T) of each pixel that is inside.
+
+    Pixels that the silhouette cuts hold no radiance; they continue their neighbours.
     """
     size = image.shape[-1]
-    mask = tb.SphereView(size).mask
-    cover = _coverage(size)
+    mask, cover = tb.SphereView(size).mask, _coverage(size)
     grown, known = torch.where(mask, image, 0), mask.float()
     while bool((known[cover > 0] == 0).any()):
         share = avg_pool2d(known, 3, 1, 1)
         spread = avg_pool2d(grown, 3, 1, 1) / share.clamp_min(1e-6)
         grown, known = torch.where(known > 0, grown, spread), (share > 0).float()
-    return torch.lerp(torch.ones(()), tone_map(grown, exposure), cover)
+    return grown, cover
 
 
 def _coverage(size: int) -> Tensor:

@@ -1,0 +1,130 @@
+"""The page of the gallery: figures by class, the worst, and a picture of every material with what is told of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import mean, median
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from torchbrdf.experiments import markdown_table
+
+TITLES = ("diffuse and glossy", "plastics and phenolics", "metals and specular paints", "mirror-like coats")
+"""Of the embedded library's classes."""
+
+FOLDER, OVERVIEW = "figures/gallery", "overview"
+_WORST = 12
+_ACROSS = 2
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is told of a material.
+
+    material, class_index
+    left_out    materials that the library lacked, too
+    neighbours  those nearest to it with how far they are, the nearest first
+    stranger    how far the nearest was that the library did not lack
+    fitted, error, delta_e  on the photograph, and of the picture under the studio light: |shown - true| / |true|, and
+                            the mean of CIEDE2000
+    """
+
+    material: str
+    class_index: int
+    left_out: tuple[str, ...]
+    neighbours: tuple[tuple[str, float], ...]
+    stranger: float
+    fitted: float
+    error: float
+    delta_e: float
+
+
+def picture_name(material: str) -> str:
+    """What the file of a material's picture is called, without suffix."""
+    return material.replace("/", "-")
+
+
+def ordered(rows: Sequence[Row]) -> list[Row]:
+    """By class, the worst first."""
+    return sorted(rows, key=lambda row: (row.class_index, -row.error))
+
+
+def body(rows: Sequence[Row], titles: Sequence[str]) -> str:
+    """Everything that is written anew: Markdown.
+
+    titles  of the classes; those that it lacks have a number only
+    """
+    rows = ordered(rows)
+    names = "every material of the library under the studio light, in the order of this page"
+    parts = [
+        f"![{len(rows)} balls: {names}]({FOLDER}/{OVERVIEW}.webp)",
+        "## In figures\n\n" + _figures(rows, titles),
+        f"### The worst {min(_WORST, len(rows))}\n\n" + _worst(rows),
+    ]
+    for index, members in _by_class(rows).items():
+        parts.append(f"## {_title(index, titles)}\n\n" + _gallery(members))
+    return "\n\n".join(parts)
+
+
+def _by_class(rows: Sequence[Row]) -> dict[int, list[Row]]:
+    return {i: [row for row in rows if row.class_index == i] for i in sorted({row.class_index for row in rows})}
+
+
+def _title(index: int, titles: Sequence[str]) -> str:
+    return f"Class {index}" + (f": {titles[index]}" if index < len(titles) else "")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if share < 0.1 else f"{100 * share:.0f} %"
+
+
+def _figures(rows: Sequence[Row], titles: Sequence[str]) -> str:
+    lines = []
+    groups = {_title(index, titles): members for index, members in _by_class(rows).items()}
+    for title, some in {**groups, "all": rows}.items():
+        errors = [row.error for row in some]
+        spread = (mean(errors), median(errors), float(np.quantile(errors, 0.9)), max(errors))
+        colours = mean(row.delta_e for row in some)
+        lines.append([title, str(len(some)), *map(_percent, spread), f"{colours:.1f}"])
+    head = ["class", "materials", "error: mean", "median", "90 %", "worst", "ΔE 2000: mean"]
+    text = markdown_table(head, lines)
+    if len(rows) > 2:
+        correlation = spearmanr([row.stranger for row in rows], [row.error for row in rows]).statistic
+        text += (
+            "\n\nThe farther the nearest material that was left in the library, the larger the error: rank correlation "
+            f"{correlation:.2f}."
+        )
+    return text
+
+
+def _worst(rows: Sequence[Row]) -> str:
+    worst = sorted(rows, key=lambda row: -row.error)[:_WORST]
+    lines = [
+        [row.material, str(row.class_index), _percent(row.error), f"{row.delta_e:.1f}", _percent(row.fitted),
+         _percent(row.stranger)]
+        for row in worst
+    ]  # fmt: skip
+    return markdown_table(["material", "class", "error", "ΔE 2000", "on the photograph", "nearest left"], lines)
+
+
+def _gallery(rows: Sequence[Row]) -> str:
+    """Two materials a row: a picture, and below it the name, the error and the neighbours."""
+    cells = [_cell(row) for row in rows]
+    while len(cells) % _ACROSS:
+        cells.append("")
+    lines = [cells[i : i + _ACROSS] for i in range(0, len(cells), _ACROSS)]
+    head = ["truth and recovered"] * _ACROSS
+    return "\n".join("| " + " | ".join(line) + " |" for line in (head, [":---:"] * _ACROSS, *lines))
+
+
+def _cell(row: Row) -> str:
+    near = ", ".join(
+        f"{_emphasised(name, name in row.left_out)} {100 * far:.0f} %" for name, far in row.neighbours
+    )
+    alternative = f"{row.material}: the truth at the left, recovered at the right"
+    picture = f"![{alternative}]({FOLDER}/{picture_name(row.material)}.webp)"
+    return f"{picture}<br>**{row.material}**<br>error {_percent(row.error)}, ΔE {row.delta_e:.1f}<br>near: {near}"
+
+
+def _emphasised(name: str, left_out: bool) -> str:
+    return f"*{name}*" if left_out else name
