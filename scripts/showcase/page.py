@@ -75,18 +75,18 @@ def _title(index: int, titles: Sequence[str]) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if share < 0.1 else f"{100 * share:.0f} %"
+    return f"{100 * share:.1f}" if share < 0.1 else f"{100 * share:.0f}"
 
 
 def _figures(rows: Sequence[Row], titles: Sequence[str]) -> str:
     lines = []
-    groups = {_title(index, titles): members for index, members in _by_class(rows).items()}
+    groups = {_title(index, titles).removeprefix("Class "): members for index, members in _by_class(rows).items()}
     for title, some in {**groups, "all": rows}.items():
         errors = [row.error for row in some]
         spread = (mean(errors), median(errors), float(np.quantile(errors, 0.9)), max(errors))
         colours = mean(row.delta_e for row in some)
         lines.append([title, str(len(some)), *map(_percent, spread), f"{colours:.1f}"])
-    head = ["class", "materials", "error: mean", "median", "90 %", "worst", "ΔE 2000: mean"]
+    head = ["class", "materials", "error %", "median", "90 %", "worst", "ΔE"]
     text = markdown_table(head, lines)
     if len(rows) > 2:
         correlation = spearmanr([row.stranger for row in rows], [row.error for row in rows]).statistic
@@ -100,11 +100,10 @@ def _figures(rows: Sequence[Row], titles: Sequence[str]) -> str:
 def _worst(rows: Sequence[Row]) -> str:
     worst = sorted(rows, key=lambda row: -row.error)[:_WORST]
     lines = [
-        [row.material, str(row.class_index), _percent(row.error), f"{row.delta_e:.1f}", _percent(row.fitted),
-         _percent(row.stranger)]
+        [row.material, _percent(row.error), f"{row.delta_e:.1f}", _percent(row.fitted), _percent(row.stranger)]
         for row in worst
-    ]  # fmt: skip
-    return markdown_table(["material", "class", "error", "ΔE 2000", "on the photograph", "nearest left"], lines)
+    ]
+    return markdown_table(["material", "error %", "ΔE", "fit %", "nearest %"], lines)
 
 
 def _gallery(rows: Sequence[Row]) -> str:
@@ -118,13 +117,19 @@ def _gallery(rows: Sequence[Row]) -> str:
 
 
 def _cell(row: Row) -> str:
-    near = ", ".join(
-        f"{_emphasised(name, name in row.left_out)} {100 * far:.0f} %" for name, far in row.neighbours
-    )
+    """Lines of their own keep the columns of a table equally wide."""
     alternative = f"{row.material}: the truth at the left, recovered at the right"
-    picture = f"![{alternative}]({FOLDER}/{picture_name(row.material)}.webp)"
-    return f"{picture}<br>**{row.material}**<br>error {_percent(row.error)}, ΔE {row.delta_e:.1f}<br>near: {near}"
+    lines = [
+        f"![{alternative}]({FOLDER}/{picture_name(row.material)}.webp)",
+        f"**{_breakable(row.material)}**",
+        f"{_percent(row.error)}\u00a0%, ΔE\u00a0{row.delta_e:.1f}",
+    ]
+    for name, far in row.neighbours:
+        shown = _breakable(name)
+        lines.append(f"{f'*{shown}*' if name in row.left_out else shown} {100 * far:.0f}\u00a0%")
+    return "<br>".join(lines)
 
 
-def _emphasised(name: str, left_out: bool) -> str:
-    return f"*{name}*" if left_out else name
+def _breakable(name: str) -> str:
+    """A name that a narrow column may break after underscores, as after hyphens."""
+    return name.replace("_", "_<wbr>")

@@ -17,7 +17,10 @@ from torchbrdf.images import tone_map
 SUPERSAMPLING = 2
 """Pixels of a rendering along a side of one of a picture."""
 
-_QUALITY = 84
+_QUALITY, _OVERVIEW_QUALITY = 98, 90
+_GRAIN = 0.8
+"""Standard deviation, in steps of 8 bits, of noise that keeps smooth shading from falling into bands."""
+
 _GAP = 8
 _OVERVIEW_COLUMNS, _OVERVIEW_TILE = 12, 116
 
@@ -37,11 +40,13 @@ def side_by_side(balls: Sequence[Tensor]) -> Tensor:
     return torch.cat(pieces[1:], dim=-1)
 
 
-def write_picture(path: Path, picture: Tensor) -> None:
+def write_picture(path: Path, picture: Tensor, quality: int = _QUALITY) -> None:
     """Write (4, H, W) display values and opacity as WebP, whole or not at all."""
-    pixels = (picture.permute(1, 2, 0).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+    grain = torch.randn(picture.shape[1:], generator=torch.Generator().manual_seed(0))
+    steps = 255 * picture + _GRAIN * torch.cat([grain.expand(3, -1, -1), torch.zeros_like(grain)[None]])
+    pixels = steps.permute(1, 2, 0).clamp(0, 255).round().to(torch.uint8).numpy()
     encoded = io.BytesIO()
-    Image.fromarray(pixels, "RGBA").save(encoded, "WEBP", quality=_QUALITY, method=6)
+    Image.fromarray(pixels, "RGBA").save(encoded, "WEBP", quality=quality, method=6, use_sharp_yuv=True)
     with writing(path) as temporary:
         temporary.write_bytes(encoded.getvalue())
 
@@ -57,4 +62,4 @@ def write_overview(path: Path, tiles: Sequence[Path]) -> None:
             small = opened.convert("RGBA").crop((0, 0, side, side)).resize((_OVERVIEW_TILE,) * 2, Image.Resampling.BOX)
         y, x = (step * place for place in divmod(i, _OVERVIEW_COLUMNS))
         sheet[y : y + _OVERVIEW_TILE, x : x + _OVERVIEW_TILE] = np.asarray(small)
-    write_picture(path, torch.from_numpy(sheet).permute(2, 0, 1) / 255)
+    write_picture(path, torch.from_numpy(sheet).permute(2, 0, 1) / 255, _OVERVIEW_QUALITY)

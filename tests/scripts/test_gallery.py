@@ -126,14 +126,14 @@ def test_the_page_goes_by_class_and_the_worst_is_first():
     assert [line for line in text.splitlines() if line.startswith("## ")] == [
         "## In figures", "## Class 0: dull", "## Class 1"
     ]  # fmt: skip
-    assert "| all | 3 | 8.7 % | 4.0 % | 17 % | 20 % | 1.2 |" in text
+    assert "| all | 3 | 8.7 | 4.0 | 17 | 20 | 1.2 |" in text
     worst = text.split("### The worst 3")[1]
     assert worst.index("own/cc_blue") < worst.index("silk") < worst.index("felt")
 
 
 def test_a_cell_tells_the_error_and_which_neighbours_were_left_out():
-    cell = page._cell(ROWS[1])
-    assert "**own/cc_blue**<br>error 20 %, ΔE 1.2<br>near: brass 12 %, *cc_red* 34 %" in cell
+    lines = page._cell(ROWS[1]).replace("\u00a0", " ").replace("<wbr>", "").split("<br>")
+    assert lines[1:] == ["**own/cc_blue**", "20 %, ΔE 1.2", "brass 12 %", "*cc_red* 34 %"]
 
 
 def test_every_line_of_a_table_has_as_many_cells():
