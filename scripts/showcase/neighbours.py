@@ -24,8 +24,9 @@ def distances(library: tb.MaterialLibrary) -> Tensor:
         cells = torch.arange(start, start + ROW_CELLS)
         cells = cells[measure[cells] > 0]
         there = measured[cells].double()
-        f_r = library.rows(cells).double().clamp_min(0).unflatten(1, (m, 3))
-        mapped = METRICS[METRIC](f_r * cosine[cells, None, None]) * (there * measure[cells, None].sqrt())[..., None]
+        f_r = library.rows(cells).clamp_min(0).unflatten(1, (m, 3))
+        mapped = METRICS[METRIC](f_r * cosine[cells, None, None].float())  # in float32, as they are stored; sums are not
+        mapped = mapped * (there * measure[cells, None].sqrt())[..., None]
         own += mapped.square().sum(2).T @ there  # |m(f_i)|^2 over the cells of both i and j
         flat = mapped.transpose(1, 2).flatten(0, 1)
         common += flat.T @ flat
