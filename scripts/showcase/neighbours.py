@@ -25,7 +25,7 @@ def distances(library: tb.MaterialLibrary) -> Tensor:
         cells = cells[measure[cells] > 0]
         there = measured[cells].double()
         f_r = library.rows(cells).clamp_min(0).unflatten(1, (m, 3))
-        mapped = METRICS[METRIC](f_r * cosine[cells, None, None].float())  # in float32, as they are stored; sums are not
+        mapped = METRICS[METRIC](f_r * cosine[cells, None, None].float())  # float32, as stored; sums are not
         mapped = mapped * (there * measure[cells, None].sqrt())[..., None]
         own += mapped.square().sum(2).T @ there  # |m(f_i)|^2 over the cells of both i and j
         flat = mapped.transpose(1, 2).flatten(0, 1)

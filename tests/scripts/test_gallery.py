@@ -43,17 +43,18 @@ def test_the_studio_is_grey_but_for_a_window_at_the_left_of_the_ball_and_a_bulb_
 
 
 def test_distances_are_those_of_compare(tiny_tables: dict[str, tb.MerlTable]):
-    tables = [tiny_tables[name] for name in ("red", "teal", "gold-0.3", "steel-0.15")]
-    valid = tables[2].valid.clone()
+    tables = [tiny_tables[name] for name in ("red", "gold-0.3", "steel-0.15")]
+    valid = tables[1].valid.clone()
     valid[30:60] = False
-    tables[2] = tb.MerlTable(tables[2].values, valid, "holes")
+    tables[1] = tb.MerlTable(tables[1].values, valid, "holes")
     library = tb.MaterialLibrary.from_tables(tables)
     found = neighbours.distances(library)
     assert neighbours.METRIC in METRIC_NAMES
-    for i, reference in enumerate(library.names):
-        for j, other in enumerate(library.names):
-            expected = cell_difference(library.table(other), library.table(reference), neighbours.METRIC)
-            assert float(found[i, j]) == pytest.approx(expected, rel=1e-5, abs=1e-5)
+    assert found.diagonal().abs().max() < 1e-6
+    for i, j in ((0, 1), (1, 0), (2, 1), (2, 0)):
+        reference, other = (library.table(library.names[k]) for k in (i, j))
+        expected = cell_difference(other, reference, neighbours.METRIC)
+        assert float(found[i, j]) == pytest.approx(expected, rel=1e-5)
     assert float((found - found.T).abs().max()) > 0.01  # relative to the reference
 
 
