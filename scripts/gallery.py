@@ -26,6 +26,7 @@ from tqdm import tqdm
 
 import torchbrdf as tb
 from leave_one_out import check_settings
+from paper.figures.studio import stored
 from showcase.neighbours import METRIC, distances, nearest
 from showcase.page import FOLDER, OVERVIEW, TITLES, Row, body, ordered, picture_name
 from showcase.studio import studio
@@ -75,16 +76,21 @@ class Gallery:
         room, view = tb.LightProbe.default(), tb.SphereView(options.size)
         backend, samples, seed = "sampled" if options.samples else "harmonic", options.samples, options.seed
         basis = tb.render_basis(library, room, view, backend, samples, seed, progress=True)
-        other = tb.render_basis(library, room, view, "sampled", samples, seed + 1, progress=True)
+
+        def shared() -> dict[str, Tensor]:
+            other = tb.render_basis(library, room, view, "sampled", samples, seed + 1, progress=True)
+            return {"photographs": torch.stack([other.image(name) for name in library.names]), "far": distances(library)}
+
+        kept = stored(options.output / "shared.safetensors", settings_of(library, options), shared)
         shown = tb.SphereView(SUPERSAMPLING * options.tile)
         return cls(
             library,
-            {name: other.image(name) for name in library.names},
+            dict(zip(library.names, kept["photographs"], strict=True)),
             basis,
             shown,
             _pictures(library, shown, samples),
             tb.MaterialClasses.fit(library, options.classes),
-            distances(library),
+            kept["far"],
             options.noise,
             seed,
         )

@@ -155,9 +155,9 @@ def family_folder(merl_directory: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_material_is_recovered_without_its_family(family_folder: Path):
+def test_a_material_is_recovered_without_its_family(family_folder: Path, tmp_path: Path):
     library = tb.MaterialLibrary.from_merl(family_folder, progress=False)
-    gallery = script.Gallery.of(library, Namespace(**SMALL))
+    gallery = script.Gallery.of(library, Namespace(**SMALL, output=tmp_path / "out"))
     weights, fitted = gallery.recovered(["cc_0", "cc_1"])
     assert weights.shape == (2, library.n, 3)
     columns = [3 * library.position(name) + c for name in ("cc_0", "cc_1") for c in range(3)]
