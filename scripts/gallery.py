@@ -79,7 +79,8 @@ class Gallery:
 
         def shared() -> dict[str, Tensor]:
             other = tb.render_basis(library, room, view, "sampled", samples, seed + 1, progress=True)
-            return {"photographs": torch.stack([other.image(name) for name in library.names]), "far": distances(library)}
+            photographs = torch.stack([other.image(name) for name in library.names])
+            return {"photographs": photographs, "far": distances(library)}
 
         kept = stored(options.output / "shared.safetensors", settings_of(library, options), shared)
         shown = tb.SphereView(SUPERSAMPLING * options.tile)
