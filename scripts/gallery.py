@@ -45,7 +45,10 @@ from torchbrdf.files import writing, writing_folder
 from torchbrdf.images import relative_rms
 
 EXPOSURE = 0.6
-"""Of all pictures: a white Lambertian ball is nearly white where the light is brightest."""
+"""Of pictures: a white Lambertian ball is nearly white where the light is brightest."""
+
+BLOWN_OUT = 0.15
+"""Share of a ball's pixels up to which they may be clipped; beyond, the exposure is halved."""
 
 NEIGHBOURS = 3
 
@@ -123,6 +126,7 @@ class Gallery:
         names, position = self.library.names, self.library.position(material)
         family = tuple(name for name in relatives(material, names) if name != material)
         near = nearest(self.far, position, len(names))
+        exposure = exposure_for(true[:, self.shown.mask[0]])
         labels = self.classes.labels[3 * position : 3 * position + 3]
         return Row(
             material,
@@ -132,8 +136,17 @@ class Gallery:
             next(far for i, far in near if names[i] not in family),
             fitted,
             relative_rms(shown, true, self.shown.mask),
-            float(delta_e_2000(shown, true, EXPOSURE)[self.shown.mask[0]].mean()),
+            float(delta_e_2000(shown, true, exposure)[self.shown.mask[0]].mean()),
+            exposure,
         )
+
+
+def exposure_for(radiance: Tensor) -> float:
+    """EXPOSURE, halved until it clips no more than BLOWN_OUT of the pixels (3, P)."""
+    exposure = EXPOSURE
+    while float((exposure * radiance.amax(0) > 1).double().mean()) > BLOWN_OUT:
+        exposure /= 2
+    return exposure
 
 
 def _pictures(library: tb.MaterialLibrary, shown: tb.SphereView, samples: int | None) -> Callable[[Tensor], Tensor]:
@@ -194,9 +207,10 @@ def run(options: argparse.Namespace) -> None:
                 weights, fitted = gallery.recovered(materials)
                 for material, found, share in zip(materials, weights, fitted.tolist(), strict=True):
                     true, shown = gallery.shown_pair(material, found)
-                    pair = side_by_side([ball(image, EXPOSURE) for image in (true, shown)])
+                    row = gallery.row(material, share, true, shown)
+                    pair = side_by_side([ball(image, row.exposure) for image in (true, shown)])
                     write_picture(options.output / f"{picture_name(material)}.webp", pair)
-                    write_row(paths[material], gallery.row(material, share, true, shown))
+                    write_row(paths[material], row)
                     bar.update()
     told = [read_row(path) for path in paths.values()]
     worst = max(told, key=lambda row: row.error)

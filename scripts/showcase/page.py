@@ -27,6 +27,7 @@ class Row:
     stranger    how far the nearest was that the library did not lack
     fitted, error, delta_e  on the photograph, and of the picture under the studio light: |shown - true| / |true|, and
                             the mean of CIEDE2000
+    exposure     of both pictures
     """
 
     material: str
@@ -37,6 +38,7 @@ class Row:
     fitted: float
     error: float
     delta_e: float
+    exposure: float
 
 
 def picture_name(material: str) -> str:
@@ -86,7 +88,7 @@ def _figures(rows: Sequence[Row], titles: Sequence[str]) -> str:
         spread = (mean(errors), median(errors), float(np.quantile(errors, 0.9)), max(errors))
         colours = mean(row.delta_e for row in some)
         lines.append([title, str(len(some)), *map(_percent, spread), f"{colours:.1f}"])
-    head = ["class", "materials", "error %", "median", "90 %", "worst", "ΔE"]
+    head = ["class", "materials", "mean %", "median", "90 %", "worst", "ΔE"]
     text = markdown_table(head, lines)
     if len(rows) > 2:
         correlation = spearmanr([row.stranger for row in rows], [row.error for row in rows]).statistic
@@ -103,12 +105,16 @@ def _worst(rows: Sequence[Row]) -> str:
         [row.material, _percent(row.error), f"{row.delta_e:.1f}", _percent(row.fitted), _percent(row.stranger)]
         for row in worst
     ]
-    return markdown_table(["material", "error %", "ΔE", "fit %", "nearest %"], lines)
+    return markdown_table(["material", "error %", "ΔE", "fit %", "nearest %"], lines) + (
+        "\n\nFit: the error on the photograph itself, with its noise. Nearest: how far the nearest material is of those "
+        "that the library kept."
+    )
 
 
 def _gallery(rows: Sequence[Row]) -> str:
     """Two materials a row: a picture, and below it the name, the error and the neighbours."""
-    cells = [_cell(row) for row in rows]
+    usual = max(row.exposure for row in rows)
+    cells = [_cell(row, usual) for row in rows]
     while len(cells) % _ACROSS:
         cells.append("")
     lines = [cells[i : i + _ACROSS] for i in range(0, len(cells), _ACROSS)]
@@ -116,13 +122,14 @@ def _gallery(rows: Sequence[Row]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, [":---:"] * _ACROSS, *lines))
 
 
-def _cell(row: Row) -> str:
+def _cell(row: Row, usual: float) -> str:
     """Lines of their own keep the columns of a table equally wide."""
     alternative = f"{row.material}: the truth at the left, recovered at the right"
+    dimmed = f", exposure\u00a0{row.exposure:g}" if row.exposure < usual else ""
     lines = [
         f"![{alternative}]({FOLDER}/{picture_name(row.material)}.webp)",
         f"**{_breakable(row.material)}**",
-        f"{_percent(row.error)}\u00a0%, ΔE\u00a0{row.delta_e:.1f}",
+        f"{_percent(row.error)}\u00a0%, ΔE\u00a0{row.delta_e:.1f}{dimmed}",
     ]
     for name, far in row.neighbours:
         shown = _breakable(name)

@@ -111,9 +111,9 @@ def test_the_overview_shows_the_truth_of_every_tile(tmp_path: Path):
 # The page
 
 
-def a_row(material: str, index: int, error: float, left_out: Sequence[str] = ()) -> page.Row:
+def a_row(material: str, index: int, error: float, left_out: Sequence[str] = (), exposure: float = 0.6) -> page.Row:
     near = (("brass", 0.12), ("cc_red", 0.34))
-    return page.Row(material, index, tuple(left_out), near, 2 * error, 0.01, error, 1.25)
+    return page.Row(material, index, tuple(left_out), near, 2 * error, 0.01, error, 1.25, exposure)
 
 
 ROWS = [a_row("felt", 0, 0.02), a_row("own/cc_blue", 1, 0.2, ["cc_red"]), a_row("silk", 0, 0.04)]
@@ -133,8 +133,21 @@ def test_the_page_goes_by_class_and_the_worst_is_first():
 
 
 def test_a_cell_tells_the_error_and_which_neighbours_were_left_out():
-    lines = page._cell(ROWS[1]).replace("\u00a0", " ").replace("<wbr>", "").split("<br>")
+    lines = page._cell(ROWS[1], 0.6).replace("\u00a0", " ").replace("<wbr>", "").split("<br>")
     assert lines[1:] == ["**own/cc_blue**", "20 %, ΔE 1.2", "brass 12 %", "*cc_red* 34 %"]
+
+
+def test_a_cell_names_an_exposure_that_is_not_the_usual_one():
+    assert "ΔE\u00a01.2, exposure\u00a00.3<br>" in page._cell(a_row("pearl", 0, 0.1, exposure=0.3), 0.6)
+
+
+def test_a_bright_ball_is_exposed_less_and_a_highlight_is_not():
+    ball = torch.full((3, 100), 0.5)
+    ball[:, :10] = 100
+    assert script.exposure_for(ball) == script.EXPOSURE
+    ball[0, :20] = 3.0
+    ball[1:, :20] = 0
+    assert script.exposure_for(ball) == script.EXPOSURE / 2
 
 
 def test_every_line_of_a_table_has_as_many_cells():
