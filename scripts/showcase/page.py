@@ -106,8 +106,8 @@ def _worst(rows: Sequence[Row]) -> str:
         for row in worst
     ]
     return markdown_table(["material", "error %", "ΔE", "fit %", "nearest %"], lines) + (
-        "\n\nFit: the error on the photograph itself, with its noise. Nearest: how far the nearest material is of those "
-        "that the library kept."
+        "\n\nFit: the error on the photograph itself, with its noise. Nearest: how far the nearest material is, of "
+        "those that the library kept."
     )
 
 
