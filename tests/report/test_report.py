@@ -279,14 +279,15 @@ def test_the_warnings(errors, weights, clamped, expected):
     ],
 )
 def test_the_warnings_of_an_average(probabilities, typical, expected):
-    """Nearly equal errors of the classes do not matter: probabilities do."""
+    """Nearly equal errors of the classes and weights that cancel do not matter: probabilities do."""
     candidates = tuple(
         SimpleNamespace(index=j, error=0.01, clamped=0.0, probability=p) for j, p in enumerate(probabilities)
     )
     evidence = Evidence(
         photograph=None, used=None, found=SimpleNamespace(index=None, error=0.01, clamped=0.0, probability=None),
         candidates=candidates, chosen=int(np.argmax(probabilities)), names=("a",), channel_errors=(), turned=None,
-        weights=torch.ones(2, 3, dtype=torch.float64), directional={}, probes=None, albedo=torch.zeros(4, 3),
+        weights=torch.tensor([[16.0], [-15.0]]).double().expand(2, 3), directional={}, probes=None,
+        albedo=torch.zeros(4, 3),
         spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), typical),
     )  # fmt: skip
     assert evidence.averaged

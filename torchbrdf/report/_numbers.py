@@ -40,7 +40,7 @@ def numbers_section(evidence: Evidence) -> str:
     apart = (
         f"a class of {SMALL_PROBABILITY:.0%} or more, uncertain by at most {LARGE_SPREAD:.0%} under another light"
         if evidence.averaged
-        else f"runner-up at least {SMALL_MARGIN:g} times worse"
+        else f"next at least {SMALL_MARGIN:g} times worse, sum of |weights| at most {OSCILLATION:g} times their sum"
     )
     return section(
         "The numbers",
@@ -51,7 +51,7 @@ def numbers_section(evidence: Evidence) -> str:
         "So are results with a warning on the shape, on the units, or on the uncertainty. The grade knows nothing of "
         "an exposure that differs between photograph and probe: the BRDF is off by the same factor.</p>",
         f'<p class="soft">There is no warning with a residual of at most {LARGE_RESIDUAL:.0%}, {apart}, '
-        f"sum of |weights| at most {OSCILLATION:g} times their sum, at most {LARGE_CLAMPED_SHARE:.0%} clamped.</p>",
+        f"at most {LARGE_CLAMPED_SHARE:.0%} clamped.</p>",
         "<p><b>A small residual proves nothing.</b> Plain least squares always has the smallest, and often the worst "
         "BRDF. Look at the pictures under light that was not photographed: a spike in the centre, dark spots, rings "
         "around the highlight or a rim of another colour are marks of a wrong BRDF.</p>",

@@ -172,9 +172,8 @@ ADVICE: dict[Topic, Advice] = {
         (),
         "The result is a small difference of large materials. With a small fixed penalty, or none, such weights fit "
         "the photograph, noise included, and little else.",
-        "With the default penalty it says little: in tests, pictures of such results under other light were no further "
-        "off than their standard deviations say. With a fixed penalty, take a larger one or the default. Look for "
-        "rings and spots under directional lights.",
+        "Take a larger penalty, or the default, whose averages are no further off for such weights than their standard "
+        "deviations say. Look for rings and spots under directional lights.",
         "constraints.md",
         "Constraints",
     ),

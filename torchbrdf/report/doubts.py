@@ -26,9 +26,10 @@ LARGE_SPREAD = 0.25
 """Relative standard deviation of the picture under another light above which there is one: one in twenty there."""
 
 OSCILLATION = 30.0
-"""There is a warning where sum |w| exceeds this times |sum w|: large weights of both signs cancel each other.
+"""With a fixed penalty there is one where sum |w| exceeds this times |sum w|: large weights of both signs cancel.
 
-On real materials lambda = 0.5 stays near 3, lambda = 0.005 below 30, and least squares exceeds 100.
+On real materials lambda = 0.5 stays near 3, lambda = 0.005 below 30, and least squares exceeds 100. Of averages over
+priors it tells nothing: with it the error is no larger for its standard deviation (docs/uncertainty.md).
 """
 
 LARGE_CLAMPED_SHARE = 0.02
@@ -151,7 +152,7 @@ def doubts(
             "this photograph leaves much of the BRDF to the library. A light with more contrast, or a second "
             "photograph under another light, would tell more."
         )
-    if oscillation > OSCILLATION:
+    if best.probability is None and oscillation > OSCILLATION:
         doubt(
             "oscillation",
             f"The weights oscillate: their magnitudes add up to {oscillation:.0f} times their sum, so large "
