@@ -35,6 +35,7 @@ CASES = [
     (["observe", "--probes", "ball.exr", "--sug"], {"--suggest"}),
     (["completion", ""], {"bash", "zsh"}),
 ]
+IDS = [" ".join(typed) for typed, _ in CASES]
 
 BASH = r"""
 source script
@@ -83,7 +84,7 @@ def script_of(folder: Path) -> Callable[[str], Path]:
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not here")
-@pytest.mark.parametrize(("typed", "expected"), CASES, ids=lambda case: " ".join(case))
+@pytest.mark.parametrize(("typed", "expected"), CASES, ids=IDS)
 def test_bash(typed: list[str], expected: set[str], folder: Path, script_of: Callable[[str], Path]):
     program = BASH.replace("script", str(script_of("bash")), 1)
     command = ["bash", "--norc", "-c", program, "bash", "torchbrdf", *typed]
@@ -92,7 +93,7 @@ def test_bash(typed: list[str], expected: set[str], folder: Path, script_of: Cal
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not here")
-@pytest.mark.parametrize(("typed", "expected"), CASES, ids=lambda case: " ".join(case))
+@pytest.mark.parametrize(("typed", "expected"), CASES, ids=IDS)
 def test_zsh(typed: list[str], expected: set[str], folder: Path, script_of: Callable[[str], Path], tmp_path: Path):
     assert by_zsh(typed, f'eval "$(cat {script_of("zsh")})"', folder, tmp_path) == expected
 
