@@ -29,6 +29,12 @@ def test_import_loads_no_torch():
     assert loaded.isdisjoint({"torch", "numpy", "argparse", *HEAVY})
 
 
+def test_a_room_is_there_before_anything_of_it_was_used():
+    assert "torchbrdf" in modules_after("import torchbrdf as tb; tb.brdf.N_CELLS; tb.learning.Blending; tb.view.View")
+    absent = "try: torchbrdf.nowhere\nexcept AttributeError as error: assert 'nowhere' in str(error)"
+    assert "torchbrdf" in modules_after(f"import torchbrdf\n{absent}\nelse: raise SystemExit(1)")
+
+
 def test_every_public_name_is_light():
     """All of them together load nothing heavy that torch itself does not load."""
     assert modules_after(EVERY_NAME).intersection(HEAVY) - modules_after("import torch") == set()

@@ -194,6 +194,8 @@ class TestRefused:
     def test_one_file(self, files):
         with pytest.raises(ValueError, match=r"^merge needs two exposures or more, got 1"):
             merge(files[:1])
+        with pytest.raises(FileNotFoundError, match=r"IMG_\*\.jpg: no such file; expected an exposure of the bracket"):
+            merge([files[0].with_name("IMG_*.jpg")])  # as a shell passes it on where nothing matches
 
     def test_sizes(self, tmp_path, files):
         Camera().take(tmp_path / "other", SCENE[:100], 0.3, np.random.default_rng(0))

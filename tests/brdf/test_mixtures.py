@@ -168,6 +168,15 @@ class TestWarnings:
             with pytest.warns(UserWarning, match="twice in this library, where it counts twice: red and crimson; "):
                 opened(*folders)
 
+    def test_one_measurement_of_which_one_is_left_out(self, cache: Path, folders: tuple[Path, Path]):
+        red = MerlTable.open(folders[0] / "red.binary")
+        MerlTable(red.values * 0.5, red.valid).save(folders[1] / "crimson.binary")
+        with pytest.warns(UserWarning, match=r"^red is left out, but crimson is the same measurement and stays; leave"):
+            MaterialLibrary.from_files(folders, progress=False, without=["red"])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            MaterialLibrary.from_files(folders, progress=False, without=["red", "crimson"])
+
     def test_a_table_that_reflects_six_times_what_it_gets(self, cache: Path, folders: tuple[Path, Path]):
         """Of a folder, of a mixture that takes it from the folder's cache, and of one that is there already."""
         replaced(folders[0] / "white.binary", 7.5)

@@ -1,4 +1,5 @@
 import copy
+import re
 from dataclasses import replace
 
 import pytest
@@ -284,6 +285,8 @@ class TestBatches:
         result = estimator(some_images(2))
         assert torch.equal(result[-1].weights, result.weights[1])
         single = result[0]
+        assert repr(result).startswith("Reconstruction(2 photographs, ")
+        assert re.fullmatch(r"Reconstruction\(class \d of \d \(\d+%\), relative error \d+\.\d\d%\)", repr(single))
         with pytest.raises(TypeError, match="a single reconstruction has no length"):
             len(single)
         with pytest.raises(IndexError, match="no batch axis"):

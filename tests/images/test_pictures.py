@@ -24,7 +24,8 @@ def test_integers_are_read_only_when_allowed_and_decoded(tmp_path):
     write_image(path, image)
     message = (
         f"{path}: 8-bit PNG is not linear HDR; give an .exr or .hdr image, "
-        "or pass --allow-ldr (allow_ldr=True in Python) to decode it with gamma 2.2"
+        "merge several exposures with `torchbrdf merge`, or pass --allow-ldr (allow_ldr=True in Python) to "
+        "decode it with gamma 2.2"
     )
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         read_image(path)

@@ -1,6 +1,7 @@
 """What a result is, in words: the highlight's width in closed form, materials that look like themselves."""
 
 from math import asin, degrees, sqrt
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -9,6 +10,8 @@ from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
 from torchbrdf.report._description import gloss_of, in_words, looks_clipped, most_alike
+from torchbrdf.report._figures import theta_h_curve
+from torchbrdf.report._first_screen import _gloss
 from torchbrdf.view.sphere import SphereView
 
 
@@ -54,3 +57,12 @@ def test_a_plateau_below_the_fit_is_clipped():
     assert not looks_clipped(ramp.clamp_max(0.8), ramp, used & (ramp[:1] < 0.8))
     assert not looks_clipped(torch.full_like(ramp, 0.5), torch.full_like(ramp, 0.5), used)
     assert not looks_clipped(0 * ramp, ramp, used)
+
+
+def test_a_highlight_that_may_as_well_be_none_is_not_described(tiny_tables):
+    table = tiny_tables["red"]
+    gloss, top = gloss_of(table), theta_h_curve(table)[0].mean()
+    for share, told in ((0.5, str(gloss)), (0.7, "How glossy it is, this photograph does not tell")):
+        spread = SimpleNamespace(curve=torch.full((90, 3), share * float(top)))  # 1.645 of them reach zero, or do not
+        assert _gloss(SimpleNamespace(spread=spread, found=SimpleNamespace(table=table)), gloss) == told
+    assert _gloss(SimpleNamespace(spread=None), gloss) == str(gloss)

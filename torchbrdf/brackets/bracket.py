@@ -22,6 +22,7 @@ from torchbrdf.brackets.merging import Radiance, merged
 from torchbrdf.brackets.registration import Motion
 from torchbrdf.brackets.samples import Samples
 from torchbrdf.brackets.settings import Response
+from torchbrdf.files import existing_file
 from torchbrdf.images import DEFAULT_SPACE, SPACES, ColourSpace, conversion, read_shooting
 
 
@@ -66,6 +67,8 @@ def merge(
     """
     files = [Path(path) for path in paths]
     if len(files) < 2:
+        for path in files:
+            existing_file(path, "an exposure of the bracket")
         raise ValueError(f"merge needs two exposures or more, got {len(files)}: give all files of the bracket")
     known = None if like is None else Calibration.read(Path(like))
     exposures = Exposures.of(files, [read_shooting(path) for path in files], times)

@@ -66,9 +66,10 @@ class MaterialLibrary:
         folders before that as keep them apart: `own/brass` beside `default/brass`. At least 8 altogether, converted
         once to a cache that is memory-mapped after; what another cache holds is taken from there.
         without leaves out some, as the method does, but gives back the cells that holes of theirs cost the others.
-        Warns, whenever it is opened, of tables that are one measurement, of such as reflect nothing or twice what they
-        get or more, or measured few cells, and of what reading them warned of. Raises OSError or ValueError as
-        `library_members`, and where a table is unsound or no cell was measured in all.
+        Warns, whenever it is opened, of tables that are one measurement, of one that stays where the other is left out,
+        of such as reflect nothing or twice what they get or more, or measured few cells, and of what reading them
+        warned of. Raises OSError or ValueError as `library_members`, and where a table is unsound or no cell was
+        measured in all.
         """
         given = as_list(sources)
         if set(given) == {EMBEDDED}:
@@ -153,7 +154,7 @@ class MaterialLibrary:
         for name, texts in zip(names, self.stored.said, strict=True):
             for text in texts if name in own else ():
                 warnings.warn(f"{name}: {text}", UserWarning, stacklevel=3)
-        pairs = [(one, two) for one in embedded for two in own if two.endswith("_rgb") and _bare(one) == _bare(two)]
+        pairs = [(one, two) for one in embedded for two in names if two.endswith("_rgb") and _bare(one) == _bare(two)]
         pairs += [(names[i], names[j]) for i, j in self.stored.same]
         each = {frozenset(pair): pair for pair in pairs}
         same = [pair for key, pair in each.items() if key <= own and not key <= set(embedded)]
@@ -162,6 +163,11 @@ class MaterialLibrary:
             more = f", and {len(same) - _NAMED} pairs more" if len(same) > _NAMED else ""
             text = f"the same measurement twice in this library, where it counts twice: {some}{more}; leave one out"
             warnings.warn(text, UserWarning, stacklevel=3)
+        for pair in each.values():
+            for out, kept in (pair, pair[::-1]):
+                if kept in own and out not in own:
+                    text = f"{out} is left out, but {kept} is the same measurement and stays; leave that out, too"
+                    warnings.warn(text, UserWarning, stacklevel=3)
         return self
 
     @classmethod

@@ -174,7 +174,8 @@ class BRDFEstimator(nn.Module):
 
         image    (*batch, 3, H, W)  linear radiance, float32 or float64, the size of the basis images; for several
                  photographs of one material a sequence of these with the same batch axes, one for each basis
-        mask     (*batch, 1, H, W) or (1, H, W)  bool, True = use; None for all pixels of the basis images; a sequence
+        mask     (*batch, 1, H, W) or (1, H, W)  bool, True = use; None for all pixels of the basis images; photographs
+                 of one mask are solved together, every other mask costs factors of its own; a sequence
                  of these for several photographs
         returns  a Reconstruction with the same batch axes; weights and image in the precision of `image`
         Raises ValueError where sizes differ, a used pixel is not finite, all are zero, or none is left.

@@ -63,7 +63,7 @@ class Moments:
         return cls(mean, covariance + torch.diag_embed(diagonal) + spread @ spread.mT)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
     """The posterior of the weights of one photograph.
 
@@ -75,6 +75,11 @@ class Posterior:
     explanation: Explanation
     probabilities: Tensor
     row: int
+
+    def __repr__(self) -> str:
+        """How many priors and penalties it averages."""
+        priors, penalties = self.probabilities.shape
+        return f"Posterior({priors} priors, {penalties} penalties each)"
 
     @cached_property
     def moments(self) -> Moments:

@@ -13,7 +13,7 @@ _SAMPLED = 61
 """One cell in so many tells which directions of the weights matter to all cells."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction:
     """Reconstructions of a batch of photographs; every tensor starts with the batch axes.
 
@@ -54,6 +54,15 @@ class Reconstruction:
         """(*batch): |Y w - y| / |y|. Small does not mean right: see `class_errors`, `posterior`."""
         share = self.error / self.energy
         return torch.where(share > 0, torch.where(share > 0, share, 1).sqrt(), 0)  # no gradient from a residual of 0
+
+    def __repr__(self) -> str:
+        """Which class, how probable, how much of the photograph is left; of a batch how many there are."""
+        batch, classes = tuple(self.class_index.shape), self.class_errors.shape[-1]
+        if batch:
+            return f"Reconstruction({' x '.join(map(str, batch))} photographs, {classes} classes)"
+        index = int(self.class_index)
+        probable = f"class {index} of {classes} ({float(self.class_probabilities[index]):.0%})"
+        return f"Reconstruction({probable}, relative error {float(self.relative_error):.2%})"
 
     def __len__(self) -> int:
         """The size of the first batch axis."""

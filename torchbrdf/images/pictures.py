@@ -114,7 +114,12 @@ def _linear(
         transfer = DECODERS[encoding]
     elif not allow_ldr:
         how = f"as it says ({transfer.name})" if transfer else "with gamma 2.2"
-        cure = "" if allow_ldr is None else f", or pass --allow-ldr (allow_ldr=True in Python) to decode it {how}"
+        cure = (
+            ""
+            if allow_ldr is None
+            else f", merge several exposures with `torchbrdf merge`, or pass --allow-ldr (allow_ldr=True in Python) to "
+            f"decode it {how}"
+        )
         raise ValueError(f"{path}: {stored.kind} is not linear HDR; give an .exr or .hdr image{cure}")
     transfer = transfer or DECODERS["gamma2.2"]
     return transfer.decode(stored.values).astype(np.float32), f"{stored.kind} decoded with {transfer.name}"

@@ -14,7 +14,7 @@ from torchbrdf.transport import BasisImages
 _THETA_D = 30
 """Row of theta_d, in degrees, of the curve that tells gloss: measured well, far from grazing."""
 
-_PEAK = 2
+PEAK = 2
 """Cells in theta_h whose mean stands for the top of the highlight."""
 
 _BESIDE = (45.0, 75.0)
@@ -87,7 +87,7 @@ def gloss_of(table: MerlTable) -> Gloss:
     flat = (theta_h > _BESIDE[0]) & (theta_h < _BESIDE[1])
     beside = np.median(curve[flat], axis=0)
     bright = curve @ np.asarray(LUMINANCE)
-    rest, peak = float(np.median(bright[flat])), float(bright[:_PEAK].mean())
+    rest, peak = float(np.median(bright[flat])), float(bright[:PEAK].mean())
     half = rest + (peak - rest) / 2
     below = np.flatnonzero(bright <= half)
     width = 90.0

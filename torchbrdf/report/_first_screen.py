@@ -8,11 +8,11 @@ from torch.nn.functional import avg_pool2d
 
 from torchbrdf.estimation import Gap
 from torchbrdf.images import exposure_for, tone_map
-from torchbrdf.report._description import Alike, gloss_of, in_words, looks_clipped, most_alike
-from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map
+from torchbrdf.report._description import PEAK, Alike, Gloss, gloss_of, in_words, looks_clipped, most_alike
+from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map, theta_h_curve
 from torchbrdf.report._improvements import improvements, sentence
 from torchbrdf.report._pictures import ball, kind_of
-from torchbrdf.report._spread import spread_scale
+from torchbrdf.report._spread import NINETY, spread_scale
 from torchbrdf.report.advice import ADVICE, Topic, marked
 from torchbrdf.report.evidence import Evidence
 from torchbrdf.report.grade import shortcomings
@@ -95,7 +95,7 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
     names = in_words([f"<b>{escape(alike[0].name)}</b>", *(escape(one.name) for one in alike[1:])])
     sentences = [
         f"In this photograph it looks most like {names} of the library, to {alike[0].difference:.1%} of white.",
-        f"{gloss}.",
+        f"{_gloss(evidence, gloss)}.",
         f"{_swatch(albedo)}Reflects {_shares(albedo)} of red, green, blue light from the front.",
         f"{_swatch(gloss.beside)}Beside the highlight as a matt surface of {_shares(gloss.beside)}.",
     ]
@@ -107,6 +107,15 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
         sentences.append('<span class="soft">So poor a result tells little of this for sure.</span>')
     text = "".join(f"<p>{sentence}</p>" for sentence in sentences)
     return f'<div class="answer"><h2>What is it?</h2><div class="alike">{shots}</div>{text}</div>'
+
+
+def _gloss(evidence: Evidence, gloss: Gloss) -> str:
+    """How glossy the result is, unless its highlight may as well be none: its 90 % interval reaches zero."""
+    if evidence.spread is not None:
+        top = theta_h_curve(evidence.found.table)[:PEAK].mean()
+        if NINETY * float(evidence.spread.curve[:PEAK].mean()) > top:
+            return "How glossy it is, this photograph does not tell"
+    return str(gloss)
 
 
 def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:

@@ -46,7 +46,8 @@ svg.polar text { font-size: 9px; }
 .numbers td, .numbers th { text-align: right; padding-right: 0; padding-left: 22px; }
 .numbers td:first-child, .numbers th:first-child { text-align: left; padding-left: 0; overflow-wrap: anywhere; }
 @media (max-width: 640px) { main { padding-left: 16px; padding-right: 16px; } .plate { padding: 10px; }
-  .controls, .controls.wide { grid-column: 1 / -1; padding: 0; display: block; } }
+  .controls, .controls.wide { grid-column: 1 / -1; padding: 0; display: block; }
+  table.numbers { display: block; overflow-x: auto; } .numbers td:first-child { white-space: nowrap; } }
 @media print { .controls, #problem { display: none; } }
 """
 )

@@ -39,7 +39,8 @@ def test_values_are_srgb(tmp_path, name):
 def test_integers_are_taken_only_where_that_is_allowed(path):
     save(path, SMOOTH)
     message = (
-        r"a\.jpg: 8-bit JPEG is not linear HDR; give an \.exr or \.hdr image, or pass --allow-ldr "
+        r"a\.jpg: 8-bit JPEG is not linear HDR; give an \.exr or \.hdr image, merge several exposures with "
+        r"`torchbrdf merge`, or pass --allow-ldr "
         r"\(allow_ldr=True in Python\) to decode it as it says \(sRGB\)$"
     )
     with pytest.raises(ValueError, match=message):
