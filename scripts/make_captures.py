@@ -19,7 +19,8 @@ truth.json        material, probe, camera, where the balls are (direction, ellip
 
 OUT/targets/PROBE/MATERIAL.exr are the materials under all probes, OUT/lights/PROBE.exr these probes, for
 scripts/benchmarks/capture.py. Everything is drawn from --seed and the capture's name; folders are whole or absent:
-interrupted, the same command goes on where it stopped.
+interrupted, the same command goes on where it stopped. A capture takes about a minute; --no-targets leaves OUT/targets
+out, which take longer.
 """
 
 import argparse

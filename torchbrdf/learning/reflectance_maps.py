@@ -58,6 +58,7 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
     spoil     what is done to batches of clean images; None for nothing
     length    samples an epoch
     seed      samples depend on it, on the epoch and on the indices asked for at once, not on the number of workers
+    blending  how materials are mixed, tinted and brightened; None for `Blending()`
 
     A sample is a dict of
         image    (3, H, W)  what a network gets
