@@ -52,6 +52,7 @@ say 'compadd() { local -a got; builtin compadd -O got "$@"; print -rl -- $got >>
 say "bindkey '^I' complete-word; zstyle ':completion:*' completer _complete; print REA''DY"
 zpty -r -m shell seen '*READY*'
 zpty -w -n shell "$2"$'\t'
+repeat 200; do [[ -s offered ]] && break; sleep 0.05; done
 zpty -w -n shell $'\C-u'"print DO''NE"$'\n'
 zpty -r -m shell seen '*DONE*'
 zpty -d shell

@@ -123,7 +123,7 @@ except ImportError as error:
 def test_command_line_without_mitsuba_says_one_line(monkeypatch, capsys):
     from torchbrdf import cli
 
-    def refuse(_: object) -> int:
+    def refuse(_: object, findings: object) -> int:
         """Refuse."""
         raise MitsubaUnavailableError("Mitsuba cannot be imported (why); do this")
 

@@ -78,6 +78,7 @@ def test_a_notebook_that_was_not_run_is_told(page: Path):
 
 
 def test_prose_is_renewed_without_a_run(page: Path, capsys: pytest.CaptureFixture[str]):
+    pytest.importorskip("nbclient")
     before = jupytext.read(written(page))
     page.write_text(page.read_text().replace("# Title", "# Another title"))
     assert script.main(["--folder", str(page.parent), "--prose"]) == 0
