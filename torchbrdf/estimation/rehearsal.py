@@ -16,7 +16,7 @@ from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.image_space import ImageSpace
 from torchbrdf.estimation.priors import PriorBank, prior_variances
 from torchbrdf.estimation.smooth_errors import smooth_errors
-from torchbrdf.transport import BasisImages
+from torchbrdf.transport import BasisImages, own_images
 from torchbrdf.view import Frames
 
 Kind = Literal["dull", "glossy", "mirror-like"]
@@ -87,7 +87,7 @@ def rehearse(packed: Tensor, frames: Frames, novel: Sequence[BasisImages], class
 
 def _photographs(packed: Tensor, errors: Tensor) -> Tensor:
     """(m, 3, P): what basis images (3 m, 3, P) show of each material, with errors of both kinds, always the same."""
-    own = _own(packed)
+    own = own_images(packed)
     generator = torch.Generator().manual_seed(_SEED)
     drawn = torch.randn(len(own), errors.shape[1], 1, generator=generator, dtype=torch.float64)
     size = errors.square().sum(1).max().sqrt()
@@ -95,14 +95,9 @@ def _photographs(packed: Tensor, errors: Tensor) -> Tensor:
     return own * (1 + shared + NOISE * torch.randn(own.shape, generator=generator))
 
 
-def _own(packed: Tensor) -> Tensor:
-    """(m, 3, P): every material as it is, channel by channel."""
-    return packed.unflatten(0, (-1, 3)).diagonal(dim1=1, dim2=2).movedim(-1, 1)
-
-
 def _errors(packed: Tensor, weights: Tensor) -> Tensor:
     """(m,) of weights (m, 3, n) under another light."""
-    true = _own(packed)
+    true = own_images(packed)
     shown = torch.einsum("mcn,ncp->mcp", weights, packed)
     size = true.flatten(1).norm(dim=1)
     return ((shown - true).flatten(1).norm(dim=1) / torch.where(size > 0, size, 1)).clamp_max(1)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import GRID, MerlTable, cell_centres
 from torchbrdf.images import LUMINANCE, tone_map
-from torchbrdf.transport import BasisImages
+from torchbrdf.transport import BasisImages, own_images
 
 _THETA_D = 30
 """Row of theta_d, in degrees, of the curve that tells gloss: measured well, far from grazing."""
@@ -73,7 +73,7 @@ def most_alike(fitted: Tensor, used: Tensor, exposure: float, basis: BasisImages
     The difference is the RMS of display values, from 0 to 1, at the exposure.
     """
     inside = basis.pack(used.to(basis.mask.device))[0]
-    images = basis.packed.detach().unflatten(0, (-1, 3)).diagonal(dim1=1, dim2=2).movedim(-1, 1)
+    images = own_images(basis.packed.detach())
     shown = tone_map(basis.pack(fitted.to(images))[:, inside], exposure)
     gaps = (tone_map(images[..., inside], exposure) - shown).square().mean((1, 2)).sqrt()
     nearest = gaps.argsort(stable=True)[:count].tolist()

@@ -1,4 +1,7 @@
-from .basis_images import BasisImages as BasisImages
+from .basis_images import (
+    BasisImages as BasisImages,
+    own_images as own_images,
+)
 from .sampled import (
     gather_columns as gather_columns,
     plan_transport as plan_transport,

@@ -128,8 +128,7 @@ class BasisImages:
 
     def image(self, material: str) -> Tensor:
         """(3, H, W): the material itself under the light, each channel of it in its own colour of the light."""
-        rows = self.subset([material]).packed
-        return self.unpack(torch.stack([rows[channel, channel] for channel in range(3)]))
+        return self.unpack(own_images(self.subset([material]).packed)[0])
 
     def pack(self, image: Tensor) -> Tensor:
         """The pixels under the mask: (..., H, W) -> (..., P)."""
@@ -186,6 +185,11 @@ class BasisImages:
             if not matches:
                 raise ValueError(f"{path}: rendered with another {what}; {_AGAIN} with this one")
         return basis
+
+
+def own_images(packed: Tensor) -> Tensor:
+    """(m, 3, P): every material as it is, R by its column of R and so on, of basis images (3 m, 3, P)."""
+    return packed.unflatten(0, (-1, 3)).diagonal(dim1=1, dim2=2).movedim(-1, 1)
 
 
 def _check_tensors(tensors: dict[str, Tensor]) -> None:
