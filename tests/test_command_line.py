@@ -127,6 +127,47 @@ def test_options_that_are_wrong_are_one_line(capsys: pytest.CaptureFixture[str])
     assert capsys.readouterr().err == "bake: error: argument --size: invalid int value: 'much'; see `bake --help`\n"
 
 
+class TestMisspelt:
+    @pytest.mark.parametrize(
+        ("words", "said"),
+        [
+            (["bkae"], "argument COMMAND: invalid choice: 'bkae' (did you mean bake?); see `kiln --help`"),
+            (["Bake"], "argument COMMAND: invalid choice: 'Bake' (did you mean bake?); see `kiln --help`"),
+            (["sing"], "argument COMMAND: invalid choice: 'sing' (choose from"),
+            (["--hlep"], "unrecognized arguments: --hlep (did you mean --help?); see `kiln --help`"),
+            (["bake", "--sise", "4"], "unrecognized arguments: --sise (did you mean --size?); see `kiln bake --help`"),
+            (["bake", "x", "--sise=4"], "unrecognized arguments: --sise (did you mean --size?); see `kiln bake"),
+            (["bake", "x", "--colour"], "unrecognized arguments: --colour; see `kiln bake --help`"),
+            (["bake", "x", "-q"], "unrecognized arguments: -q; see `kiln bake --help`"),
+            (["bake", "x", "y"], "unrecognized arguments: y; see `kiln bake --help`"),
+            (["bake", "x", "--kind", "claay"], "argument --kind: invalid choice: 'claay' (did you mean clay?); see"),
+            (["bake", "x", "--kind", "wood"], "argument --kind: invalid choice: 'wood' (choose from"),
+        ],
+    )
+    def test_is_told_the_nearest_and_where_help_is(self, words: list[str], said: str, capsys) -> None:
+        with pytest.raises(BadUsageError) as left:
+            self.parser().parse_args(words)
+        assert left.value.code == 2
+        assert left.value.message.startswith(said)
+        assert capsys.readouterr().err == f"kiln: error: {left.value.message}\n"
+
+    def test_what_is_right_passes(self) -> None:
+        """Abbreviated, with values behind them, numbers below 0, and words after --."""
+        words = ["bake", "--siz", "-2", "-oresult", "--kind=clay", "--", "--sise"]
+        options = self.parser().parse_args(words)
+        assert (options.size, options.output, options.kind, options.of) == (-2, "result", "clay", "--sise")
+
+    @staticmethod
+    def parser() -> Parser:
+        whole = Parser(prog="kiln")
+        bake = whole.add_subparsers(metavar="COMMAND").add_parser("bake")
+        bake.add_argument("of")
+        bake.add_argument("--size", type=float)
+        bake.add_argument("--kind", choices=["clay", "glass"])
+        bake.add_argument("-o", "--output")
+        return whole
+
+
 def test_a_file_is_named_before_what_is_wrong_with_it(capsys: pytest.CaptureFixture[str]) -> None:
     def run(options: argparse.Namespace) -> None:
         open("/nowhere/at/all")  # noqa: SIM115

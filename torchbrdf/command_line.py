@@ -5,7 +5,9 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from itertools import takewhile
 from typing import Any, Literal, NoReturn, Self, TextIO
 
 from torchbrdf.files import being_written, remove_unfinished
@@ -60,11 +62,49 @@ class Parser(argparse.ArgumentParser):
         """A parser whose help shows the docstring of a script as it stands."""
         return cls(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does, but nothing is left over: an unknown word is an error of the command that it is given to.
+
+        It is told before what is missing, as a misspelt option often is what is.
+        """
+        words = sys.argv[1:] if args is None else list(args)
+        own = takewhile(lambda word: word.startswith("-"), words) if self._subparsers else words
+        for word in takewhile(lambda word: word != "--", own):
+            name = word.partition("=")[0]
+            if self._looks_like_option(name) and not any(map(_spells(name), self._option_string_actions)):
+                self.error(f"unrecognized arguments: {name}{did_you_mean(name, self._option_string_actions)}")
+        options, left = super().parse_known_args(words, namespace)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}")
+        return options, left
+
+    def _looks_like_option(self, word: str) -> bool:
+        return len(word) > 1 and word[0] == "-" and " " not in word and not _NEGATIVE_NUMBER.match(word)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Of choices: one that is nearly right is told the nearest, not all."""
+        wrong = isinstance(value, str) and action.choices is not None and value not in action.choices
+        if wrong and (close := did_you_mean(value, map(str, action.choices or ()))):
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{close}")
+        super()._check_value(action, value)
+
     def error(self, message: str) -> NoReturn:
         """Say it and leave with BAD_INPUT."""
         line = f"{message}; see `{self.prog} --help`"
         fail(self.prog.split()[0], line)
         raise BadUsageError(line)
+
+
+def _spells(word: str) -> Callable[[str], bool]:
+    """Whether an option is meant by a word: whole, abbreviated, or of one letter with its value behind it."""
+    return lambda option: option.startswith(word) or (len(option) == 2 and option[1] != "-" and word.startswith(option))
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """The end of a message about a word that is none of those known, the nearest; empty where none is near."""
+    by_letters = {name.strip("-").casefold(): name for name in known}
+    close = get_close_matches(word.strip("-").casefold(), by_letters, n=1)
+    return f" (did you mean {by_letters[close[0]]}?)" if close else ""
 
 
 def exit_status(
