@@ -148,7 +148,7 @@ def test_a_photograph_white_all_over(capsys, tmp_path):
     [
         ((), "a ball is unwrapped for its camera: give --fov DEG, or --focal-mm MM with --sensor-mm MM"),
         (("--fov", 30, "--metal", "Al", "--mirror-reflectance", 0.9), "--metal and --mirror-reflectance say the same"),
-        (("--fov", 30, "--metal", "Chrome"), "no metal 'Chrome' in Mitsuba's data; there are Ag, Al, "),
+        (("--fov", 30, "--metal", "Chrome"), "no metal 'Chrome' in Mitsuba's data; did you mean Cr?"),
         (("--fov", 30, "--mirror-reflectance", 60), "must be one or three numbers above 0 and at most 1, got 60"),
         (("--fov", 30, "--circle", 50, 50, 40, "--circle", 50, 50, 40), "--circle is given once for each photograph"),
         (("--fov", 30, "--metal", "Al", "--primaries", "rec2020"), "--metal is known in rec709 alone, got --primaries"),

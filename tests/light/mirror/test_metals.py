@@ -1,6 +1,7 @@
 """What metals reflect."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -36,6 +37,16 @@ def test_gold_is_yellow_and_all_reflect_everything_at_grazing():
     torch.testing.assert_close(gold[1], torch.ones(3))
 
 
-def test_an_unknown_metal_is_refused_with_those_that_are_there():
-    with pytest.raises(ValueError, match=r"^no metal 'Chrome' in Mitsuba's data; there are Ag, Al, .*Cr.*$"):
-        Metal.open("Chrome")
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("Chrome", "did you mean Cr?"),
+        ("aluminun", "did you mean Al?"),
+        ("cr", "did you mean Cr?"),
+        ("Ni_palk", "did you mean Ni_palik or VN_palik?"),
+        ("steel", "mirror balls are of Ag, Al, Au, Cr, Cu, Ni_palik"),
+    ],
+)
+def test_an_unknown_metal_is_refused_with_what_may_be_meant(name, told):
+    with pytest.raises(ValueError, match=f"^no metal '{name}' in Mitsuba's data; {re.escape(told)}; all: .*eta.spd$"):
+        Metal.open(name)

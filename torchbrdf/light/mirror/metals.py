@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from importlib.machinery import PathFinder
 from math import pi
@@ -14,6 +15,18 @@ from torch import Tensor
 
 _WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
 _ANGLES = 257
+
+_POLISHED = {
+    "aluminium": "Al",
+    "aluminum": "Al",
+    "chrome": "Cr",
+    "chromium": "Cr",
+    "copper": "Cu",
+    "gold": "Au",
+    "nickel": "Ni_palik",
+    "silver": "Ag",
+}
+"""What mirror balls are made of or coated with, in words."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +47,7 @@ class Metal:
         folder = _folder()
         names = sorted({path.name.removesuffix(".eta.spd") for path in folder.glob("*.eta.spd")})
         if name not in names:
-            raise ValueError(f"no metal {name!r} in Mitsuba's data; there are {', '.join(names)}")
+            raise ValueError(f"no metal {name!r} in Mitsuba's data; {_meant(name, names)}; all: {folder}/*.eta.spd")
         return cls(name, *(_spectrum(folder / f"{name}.{part}.spd") for part in ("eta", "k")))
 
     def __str__(self) -> str:
@@ -65,6 +78,14 @@ def fresnel(cosine: np.ndarray, n: np.ndarray, k: np.ndarray) -> np.ndarray:
     along = (index**2 * cosine - inside) / (index**2 * cosine + inside)
     reflected: np.ndarray = (abs(across) ** 2 + abs(along) ** 2) / 2
     return reflected
+
+
+def _meant(name: str, names: list[str]) -> str:
+    """What to give in the place of a name that is none."""
+    by_word = {one.casefold(): one for one in names} | _POLISHED
+    if close := get_close_matches(name.casefold(), by_word, n=2, cutoff=0.7):
+        return f"did you mean {' or '.join(dict.fromkeys(by_word[word] for word in close))}?"
+    return f"mirror balls are of {', '.join(sorted({*_POLISHED.values()} & {*names}))}"
 
 
 def _folder() -> Path:
