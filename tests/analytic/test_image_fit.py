@@ -175,7 +175,7 @@ def test_failure_to_converge_is_said(photograph: Tensor, transport: CellTranspor
         photograph, PROBE, VIEW, start=NEAR, method=method, transport=transport, most_evaluations=1
     )
     assert not fit.converged
-    assert fit.warnings == ("not converged after 1 evaluations; raise most_evaluations",)
+    assert fit.warnings == ("not converged after 1 evaluations; raise --most-evaluations (most_evaluations in Python)",)
     assert fit.evaluations == 1
 
 

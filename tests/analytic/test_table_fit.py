@@ -546,3 +546,10 @@ def test_public_names():
     for name in ("AnalyticFit", "fit_analytic", "fit_analytic_batch", "fit_analytic_to_image"):
         assert name in tb.__all__
         assert hasattr(tb, name)
+
+
+def test_what_is_as_good_as_zero_is_printed_as_zero():
+    """But for what is fitted as its logarithm, which may be small."""
+    tiny = {"diffuse": torch.tensor([1.7e-22, 1.234567e-4, 0.25]), "specular": torch.tensor([0.04, 4e-7, 1.0])}
+    fit = AnalyticFit("ggx", {**tiny, "roughness": torch.tensor([1e-3])}, "log", 0.1, True, 1, 1, 0.0)
+    assert str(fit) == "ggx: diffuse 0 0.000123 0.25, specular 0.04 0 1, roughness 0.001; relative error 10.00% (log)"

@@ -241,6 +241,67 @@ def photo(folder: Path, light: Path, tiny_tables) -> Path:
     return folder / "photo.exr"
 
 
+@pytest.fixture(scope="module")
+def table(folder: Path, tiny_tables) -> Path:
+    tiny_tables["gold-0.3"].save(folder / "gold.binary")
+    return folder / "gold.binary"
+
+
+class TestPhotograph:
+    """`photo` shows plastic of roughness 0.2; the table is gold."""
+
+    def test_parameters_go_on_from_the_table_on_it(self, capsys, tmp_path, photo, light, table):
+        out = tmp_path / "x.glb"
+        given = ("--photograph", photo, "--probe", light, "--preview", tmp_path / "x.png", "--most-evaluations", 20)
+        assert main(["analytic", str(table), *map(str, given), "--size", "8", "-o", str(out), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        at_table, refined, held_at_table, held = told["fits"]
+        assert [one["model"] for one in told["fits"]] == ["ggx", "ggx", "metallic-roughness", "metallic-roughness"]
+        assert [one["photograph"] for one in told["fits"]] == [None, str(photo), None, str(photo)]
+        assert [one["metric"] for one in (at_table, refined)] == ["cube-root", "pixels"]
+        assert max(at_table["parameters"]["diffuse"]) < 0.05
+        red, green, blue = refined["parameters"]["diffuse"]
+        assert red > 0.3 > 0.1 > green > blue
+        assert refined["relative_error"] < 0.1
+        (material,) = json.loads(glb_text(out))["materials"]
+        written = material["pbrMetallicRoughness"]["baseColorFactor"][:3]
+        assert written == pytest.approx(held["parameters"]["base_color"], rel=1e-5)
+        assert written != pytest.approx(held_at_table["parameters"]["base_color"], rel=0.1)
+        assert (tmp_path / "x.png").read_bytes()[16:24] == struct.pack(">II", 5 * 8, 8)
+
+    def test_says_which_is_which(self, capsys, photo, light, table):
+        lines, _ = run(capsys, table, "--model", "lambert", "--photograph", photo, "--probe", light)
+        assert lines[0].startswith(f"photograph {photo}: circle at ")
+        first, notice, second = (i for i, line in enumerate(lines) if line.startswith(("lambert", "refined")))
+        assert lines[first].endswith("% (cube-root)")
+        assert lines[notice] == f"refined from there on {photo}:"
+        assert lines[second].endswith("% (pixels)")
+
+    @pytest.mark.parametrize(
+        ("more", "said"),
+        [
+            (("--photograph", "ball.exr"), "--photograph needs the light that it was taken under: give --probe, too"),
+            (("--probe", "default"), "--probe is the light of --photograph or of --preview: give one of them, too, or"),
+            (("--invert-mask",), "--invert-mask is of a photograph: give --photograph, too"),
+            (("--view", "bunny.ply"), "--view is of a photograph: give --photograph, too"),
+        ],
+    )
+    def test_half_of_the_pair_is_refused(self, capsys, tmp_path, table, more, said):
+        assert assert_fails(capsys, tmp_path, table, *more, "-o", tmp_path / "x.glb").startswith(said)
+
+    def test_a_photograph_that_is_black_is_named(self, capsys, tmp_path, table):
+        tb.write_image(tmp_path / "black.exr", torch.zeros(3, 12, 12))
+        given = ("--photograph", tmp_path / "black.exr", "--circle", 6, 6, 6, "--probe", "default")
+        line = assert_fails(capsys, tmp_path, table, "--model", "lambert", *given)
+        assert line.startswith(f"{tmp_path / 'black.exr'}: ")
+
+
+def glb_text(path: Path) -> bytes:
+    """The JSON in a binary glTF."""
+    content = path.read_bytes()
+    return content[20 : 20 + struct.unpack("<I", content[12:16])[0]]
+
+
 @pytest.mark.filterwarnings("ignore:.*material class:UserWarning")
 def test_uncertainty_of_a_photograph_weighs_the_cells(capsys, tmp_path, photo, light, tiny_library, monkeypatch):
     monkeypatch.setattr("torchbrdf.commands._results.write_report", lambda *_, **__: [])  # which takes longest

@@ -17,6 +17,7 @@ from .settings import (
     DEFAULT_MODEL as DEFAULT_MODEL,
     IMAGE_METRIC as IMAGE_METRIC,
     MOST_EVALUATIONS as MOST_EVALUATIONS,
+    MOST_ON_A_PHOTOGRAPH as MOST_ON_A_PHOTOGRAPH,
 )
 from .shading_geometry import ShadingGeometry as ShadingGeometry
 from .table_fit import (

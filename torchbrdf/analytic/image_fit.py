@@ -17,6 +17,7 @@ from torchbrdf.analytic._least_squares import climb_out, minimise
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.model import Parameters
+from torchbrdf.analytic.settings import MOST_ON_A_PHOTOGRAPH
 from torchbrdf.analytic.table_fit import DEFAULT_MODEL, AnalyticFit, serial_operations, starting_points
 from torchbrdf.analytic.variables import FitVariables
 from torchbrdf.light import LightProbe
@@ -26,7 +27,7 @@ PIXELS = "pixels"
 """The metric of these fits: relative difference of the pixels."""
 
 Method = Literal["adam", "least-squares"]
-MOST_EVALUATIONS = {"adam": 600, "least-squares": 100}
+MOST_EVALUATIONS = {"adam": 600, "least-squares": MOST_ON_A_PHOTOGRAPH}
 
 
 def fit_analytic_to_image(
@@ -74,7 +75,8 @@ def fit_analytic_to_image(
         if first < most:
             ends[0] = climb_out(variables, ends[0], residuals, most)
     best = ends[0]
-    warnings = () if best.converged else (f"not converged after {most} evaluations; raise most_evaluations",)
+    advice = "raise --most-evaluations (most_evaluations in Python)"
+    warnings = () if best.converged else (f"not converged after {most} evaluations; {advice}",)
     return AnalyticFit(
         model=model,
         parameters=variables.parameters(torch.from_numpy(best.x)),

@@ -34,6 +34,10 @@ class Parameter:
     logarithmic: bool = False
     starts: tuple[float, ...] = ()
 
+    def printed(self, value: float) -> str:
+        """To four digits; below a millionth only where the logarithm is fitted: elsewhere that is as good as 0."""
+        return f"{value:.4g}" if self.logarithmic else f"{round(value, 6) + 0.0:.4g}"
+
 
 @dataclass(frozen=True)
 class AnalyticModel:

@@ -5,4 +5,4 @@ DEFAULT_MODEL, DEFAULT_METRIC = "ggx", "cube-root"
 IMAGE_METRIC = "image"
 """The metric that fits with each of METRICS and keeps what renders most like the table, after [BP20]."""
 
-MOST_EVALUATIONS = 200
+MOST_EVALUATIONS, MOST_ON_A_PHOTOGRAPH = 200, 100

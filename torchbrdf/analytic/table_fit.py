@@ -87,8 +87,8 @@ class AnalyticFit:
     def __str__(self) -> str:
         """One line: the model, its parameters, and how well it fits."""
         numbers = ", ".join(
-            f"{name} {' '.join(f'{number:.4g}' for number in value.tolist())}"
-            for name, value in self.parameters.items()
+            f"{p.name} {' '.join(p.printed(number) for number in self.parameters[p.name].tolist())}"
+            for p in model_of(self.model).parameters
         )
         state = "" if self.converged else "; NOT CONVERGED"
         return f"{self.model}: {numbers}; relative error {self.error:.2%} ({self.metric}){state}"
@@ -97,6 +97,11 @@ class AnalyticFit:
         """f_r (..., 3) in 1/sr of unit vectors (..., 3) in the local frame, 0 where one is below the horizon."""
         geometry = ShadingGeometry.of_directions(*torch.broadcast_tensors(w_i.double(), w_o.double()))
         return model_of(self.model).evaluate(self.parameters, geometry).to(w_i.dtype)
+
+    @property
+    def shared(self) -> bool:
+        """Whether the channels share every parameter that is no colour."""
+        return all(p.colour or len(self.parameters[p.name]) == 1 for p in model_of(self.model).parameters)
 
     @cached_property
     def table(self) -> MerlTable:

@@ -10,6 +10,7 @@ from torch import Tensor
 from torchbrdf.analytic import AnalyticFit
 from torchbrdf.brdf import RESULT_STD, MerlTable
 from torchbrdf.commands._findings import Findings
+from torchbrdf.commands._refinement import Refinement
 from torchbrdf.images import ColourSpace, exposure_for, write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
@@ -37,7 +38,39 @@ def uncertainty_of(brdf: Path, findings: Findings) -> Tensor | None:
     return MerlTable.open(brdf / RESULT_STD).values.clamp_min(0)
 
 
-def tell_fit(fit: AnalyticFit, findings: Findings) -> None:
+class Fits:
+    """What was fitted, each told as it comes.
+
+    all      fits, in the order of the preview; records: what a script is told of them
+    """
+
+    def __init__(self, findings: Findings, refinement: Refinement | None, most_evaluations: int | None) -> None:
+        """None yet.
+
+        refinement        on a photograph; None: fits of a table are the last word
+        most_evaluations  of that; None: its own
+        """
+        self._findings, self._refinement, self._most = findings, refinement, most_evaluations
+        self.all: list[AnalyticFit] = []
+        self.records: list[dict[str, Any]] = []
+
+    def tell(self, fit: AnalyticFit) -> AnalyticFit:
+        """A fit of the table, and what it became on the photograph, which is given back."""
+        self._add(fit, None)
+        if self._refinement is None:
+            return fit
+        refined = self._refinement.refined(fit, self._most)
+        self._findings.line(f"refined from there on {self._refinement.path}:")
+        self._add(refined, self._refinement.path)
+        return refined
+
+    def _add(self, fit: AnalyticFit, photograph: Path | None) -> None:
+        _tell(fit, self._findings)
+        self.all.append(fit)
+        self.records.append(_record(fit) | {"photograph": photograph})
+
+
+def _tell(fit: AnalyticFit, findings: Findings) -> None:
     """Its lines, and its warnings."""
     bounds = [f"  at a bound: {bound}" for bound in fit.at_bounds]
     effort = f"  {fit.iterations} iterations, {fit.evaluations} evaluations of the model, {fit.seconds:.1f} s"
@@ -46,7 +79,7 @@ def tell_fit(fit: AnalyticFit, findings: Findings) -> None:
         warnings.warn(f"{fit.name}, {fit.model}: {warning}", UserWarning, stacklevel=2)
 
 
-def fit_record(fit: AnalyticFit) -> dict[str, Any]:
+def _record(fit: AnalyticFit) -> dict[str, Any]:
     """What a script is told of it."""
     return {
         "model": fit.model,

@@ -182,8 +182,8 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--distortion", type=number(), nargs="+", metavar="K", help=text)
 
 
-def add_estimation(parser: argparse.ArgumentParser) -> None:
-    """What is used of a photograph, and how it is explained."""
+def add_seen(parser: argparse._ActionsContainer) -> None:
+    """What of a photograph is used, and how its file is read."""
     text = "image that is white where the shape may be used; default: the photograph's alpha, else all of it"
     parser.add_argument("--mask", type=Path, help=text)
     parser.add_argument("--invert-mask", action="store_true", help="the mask is white around the shape")
@@ -192,6 +192,15 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     text = "which of the balls found, from 1, the largest; default: the largest"
     parser.add_argument("--ball", type=whole_number(1), metavar="N", help=text)
     parser.add_argument("--layer", metavar="NAME", help="of a photograph that holds several pictures")
+    text = "accept a photograph of 8 or 16 bits, decoded as it says, else with gamma 2.2"
+    parser.add_argument("--allow-ldr", action="store_true", help=text)
+    text = "accept it, decoded so, whatever it says"
+    parser.add_argument("--encoding", choices=get_args(Encoding), help=text)
+
+
+def add_estimation(parser: argparse.ArgumentParser) -> None:
+    """What is used of a photograph, and how it is explained."""
+    add_seen(parser)
     add_library(parser)
     parser.add_argument(
         "--penalty", type=penalty, default=DEFAULT_PENALTY, metavar="auto|paper|X", help=_PENALTY_HELP
@@ -199,10 +208,6 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constraint", choices=CONSTRAINTS, help=_CONSTRAINT_HELP + "; default: none")
     parser.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
     add_size(parser, None, "resample to N x N pixels; default: its own, at most 128")
-    text = "accept a photograph of 8 or 16 bits, decoded as it says, else with gamma 2.2"
-    parser.add_argument("--allow-ldr", action="store_true", help=text)
-    text = "accept it, decoded so, whatever it says"
-    parser.add_argument("--encoding", choices=get_args(Encoding), help=text)
 
 
 def penalty(text: str) -> Penalty:

@@ -1,19 +1,28 @@
-"""`torchbrdf analytic`: a table as the parameters of an analytic BRDF, in a file that other programs open."""
+"""`torchbrdf analytic`: a table, and its photograph, as an analytic BRDF in a file that other programs open."""
 
 import argparse
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from torchbrdf.analytic import DEFAULT_METRIC, DEFAULT_MODEL, IMAGE_METRIC, MOST_EVALUATIONS, models
+from torchbrdf.analytic import (
+    DEFAULT_METRIC,
+    DEFAULT_MODEL,
+    IMAGE_METRIC,
+    MOST_EVALUATIONS,
+    MOST_ON_A_PHOTOGRAPH,
+    models,
+)
 from torchbrdf.analytic.export import SUFFIXES
 from torchbrdf.brdf import METRIC_NAMES
 from torchbrdf.commands._findings import Findings
-from torchbrdf.commands._options import add_light, add_size, add_table, whole_number
+from torchbrdf.commands._options import add_camera, add_light, add_seen, add_shape, add_size, add_table, whole_number
 from torchbrdf.files import writing
 
 EXAMPLES = (
     "torchbrdf analytic result --model principled -o material.xml --preview fit.png",
+    "torchbrdf analytic result --model ggx --photograph ball.exr --probe probe.exr --fov 24 -o material.glb",
     "torchbrdf analytic gold.binary --model metallic-roughness -o gold.gltf",
 )
 
@@ -27,55 +36,69 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     metrics = (*METRIC_NAMES, IMAGE_METRIC)
     parser.add_argument("--metric", choices=metrics, default=DEFAULT_METRIC, help="default: %(default)s")
     parser.add_argument("--separate", action="store_true", help="all parameters of each channel, not only colours")
-    text = "of the model; default: %(default)s"
-    parser.add_argument("--most-evaluations", type=whole_number(1), default=MOST_EVALUATIONS, metavar="N", help=text)
+    text = f"of the model; default: {MOST_EVALUATIONS} on a table, {MOST_ON_A_PHOTOGRAPH} on a photograph"
+    parser.add_argument("--most-evaluations", type=whole_number(1), metavar="N", help=text)
     parser.add_argument("--format", choices=SUFFIXES, help="default: by the file's suffix")
     text = "; ".join(f"{name}: {' or '.join(suffixes)}" for name, suffixes in SUFFIXES.items())
     parser.add_argument("-o", "--output", type=Path, help=f"{text}; default: only print")
     parser.add_argument("--preview", type=Path, help="picture of the table's sphere and the fit's, .png, .exr or .hdr")
     add_size(parser, 192, "pixels along a sphere of it; default: %(default)s")
-    add_light(parser, default="default")
+    add_light(parser, required=False)
+    text = "the photograph that the table comes from, with its --probe: parameters go on from the table's on it"
+    parser.add_argument("--photograph", type=Path, metavar="PHOTO", help=text)
+    add_shape(parser)
+    add_camera(parser)
+    add_seen(parser.add_argument_group("the photograph"))
 
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
-    """Fit an analytic BRDF to a table and write it for Mitsuba, glTF, MaterialX or OpenPBR, or as a table."""
+    """Fit an analytic BRDF to a table and write it for Mitsuba, glTF, MaterialX or OpenPBR, or as a table.
+
+    With the photograph that the table comes from, and its light, the parameters are then refined on it.
+    """
     from torchbrdf.analytic import fit_analytic, model_of
     from torchbrdf.analytic.export import format_of, native_fit
-    from torchbrdf.commands._analytic_files import fit_record, tell_fit, uncertainty_of, write_preview
+    from torchbrdf.commands._analytic_files import Fits, uncertainty_of, write_preview
     from torchbrdf.commands._inputs import about, labels, open_probe, open_table
+    from torchbrdf.commands._refinement import Refinement, check_pair
     from torchbrdf.images import check_image_suffix
 
     model_of(options.model)
+    check_pair(options)
     if options.format and not options.output:
         raise ValueError(f"--format {options.format} needs a file to write: -o FILE")
     wanted = None if options.output is None else format_of(options.output, options.format)
     if options.preview is not None:
         check_image_suffix(options.preview)
+    options.probe = options.probe or "default"
     with ExitStack() as files:
         output, preview = (path and files.enter_context(writing(path)) for path in (options.output, options.preview))
         table = replace(open_table(options.brdf), name=labels([options.brdf])[0])
-        probe = open_probe(options) if preview else None
+        probe = open_probe(options) if preview or options.photograph else None
+        refinement = Refinement.of(options, probe) if probe and options.photograph else None
         uncertainty = uncertainty_of(options.brdf, findings)
-        settings = {"uncertainty": uncertainty, "most_evaluations": options.most_evaluations}
+        most: int = options.most_evaluations or MOST_EVALUATIONS
+        settings: dict[str, Any] = {"uncertainty": uncertainty, "most_evaluations": most}
+        if refinement is not None:
+            findings.line(f"photograph {refinement.sight.about}")
         with about(options.brdf):
             fit = fit_analytic(table, options.model, options.metric, shared=not options.separate, **settings)
-        tell_fit(fit, findings)
-        fits = [fit]
+        fits = Fits(findings, refinement, options.most_evaluations)
+        best = fits.tell(fit)
         if wanted is not None and output is not None:
             held = native_fit(fit, table, wanted, **settings)
             if held is not fit:
                 what = held.model if held.model != fit.model else f"{held.model} with parameters shared by the channels"
                 has_not = f"{wanted.name} has no such model"
                 findings.line(f"{has_not}; {options.output} holds {what}, fitted to the same table:")
-                tell_fit(held, findings)
-                fits.append(held)
-            wanted.write(held, output)
+                best = fits.tell(held)
+            wanted.write(best, output)
             if wanted.caution:
                 findings.line(f"caution: {wanted.caution}")
         if preview and probe:
-            write_preview(preview, table, fits, probe, options.size, options.primaries)
+            write_preview(preview, table, fits.all, probe, options.size, options.primaries)
     cautions = [wanted.caution] if wanted is not None and wanted.caution else []
-    findings.add(fits=[fit_record(one) for one in fits], cautions=cautions)
+    findings.add(fits=fits.records, cautions=cautions)
     for path in filter(None, (options.output, options.preview)):
         findings.line(f"wrote {path}")
         findings.add_files(path)

@@ -5,7 +5,6 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from torchbrdf.analytic.catalogue import MODELS
 from torchbrdf.analytic.table_fit import AnalyticFit
 from torchbrdf.files import writing
 
@@ -30,13 +29,8 @@ def check_native(fit: AnalyticFit, program: str, models: tuple[str, ...]) -> Non
         raise ValueError(
             f"{program} has no model {fit.model}; fit {' or '.join(models)} to the same table, as native_fit does"
         )
-    if not is_shared(fit):
+    if not fit.shared:
         raise ValueError(f"{program} has one number for all channels of what is no colour; fit with shared=True")
-
-
-def is_shared(fit: AnalyticFit) -> bool:
-    """Whether the channels share every parameter that is no colour."""
-    return all(p.colour or len(fit.parameters[p.name]) == 1 for p in MODELS[fit.model].parameters)
 
 
 def number(fit: AnalyticFit, name: str) -> float:

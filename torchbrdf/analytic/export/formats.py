@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from torchbrdf.analytic.export._material_file import METALLIC_ROUGHNESS, checked_path, is_shared
+from torchbrdf.analytic.export._material_file import METALLIC_ROUGHNESS, checked_path
 from torchbrdf.analytic.export.gltf import write_gltf
 from torchbrdf.analytic.export.materialx import write_materialx
 from torchbrdf.analytic.export.mitsuba import MITSUBA, write_mitsuba
@@ -42,7 +42,7 @@ class Format:
 
     def holds(self, fit: AnalyticFit) -> bool:
         """Whether a file can say what was fitted."""
-        return not self.models or (fit.model in self.models and is_shared(fit))
+        return not self.models or (fit.model in self.models and fit.shared)
 
 
 def _write_openpbr(fit: AnalyticFit, path: Path) -> None:

@@ -1,0 +1,61 @@
+"""`torchbrdf analytic --photograph`: the parameters go on from the fit of a table on the photograph itself."""
+
+import argparse
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from torchbrdf.analytic import AnalyticFit, CellTransport, fit_analytic_to_image
+from torchbrdf.commands._inputs import about
+from torchbrdf.commands._sight import Sight, read_observation
+from torchbrdf.light import LightProbe
+
+_OF_A_PHOTOGRAPH = (
+    "mask", "invert_mask", "circle", "ball", "layer", "allow_ldr", "encoding", "fov", "focal_mm", "sensor_mm",
+    "principal", "distortion", "toward", "up", "target", "width", "no_shadows",
+)  # fmt: skip
+
+
+def check_pair(options: argparse.Namespace) -> None:
+    """Raise ValueError for a photograph without its light, and for what belongs to one where none is given."""
+    if options.photograph is not None:
+        if options.probe is None:
+            raise ValueError("--photograph needs the light that it was taken under: give --probe, too")
+        return
+    if options.probe is not None and options.preview is None:
+        raise ValueError("--probe is the light of --photograph or of --preview: give one of them, too, or leave it out")
+    given = [name for name in _OF_A_PHOTOGRAPH if getattr(options, name) not in (None, False)]
+    if given or options.view != "sphere":
+        raise ValueError(f"--{(given or ['view'])[0].replace('_', '-')} is of a photograph: give --photograph, too")
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """A photograph, and how a BRDF becomes its pixels."""
+
+    path: Path
+    sight: Sight
+    probe: LightProbe
+    transport: CellTransport
+
+    @classmethod
+    def of(cls, options: argparse.Namespace, probe: LightProbe) -> "Refinement":
+        """Of `options.photograph`, found in its frame as `fit` finds it, at its own size, at most 128."""
+        sight = read_observation(argparse.Namespace(**vars(options) | {"photo": options.photograph}), None)
+        return cls(options.photograph, sight, probe, CellTransport.build(probe, sight.view))
+
+    def refined(self, start: AnalyticFit, most_evaluations: int | None) -> AnalyticFit:
+        """The fit that explains the photograph best, in the model of its start."""
+        observation = self.sight.observation
+        with about(self.path):
+            found = fit_analytic_to_image(
+                observation.image,
+                self.probe,
+                self.sight.view,
+                start.model,
+                mask=observation.mask,
+                start=start,
+                shared=start.shared,
+                most_evaluations=most_evaluations,
+                transport=self.transport,
+            )
+        return replace(found, name=self.path.name)
