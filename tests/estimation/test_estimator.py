@@ -1,5 +1,6 @@
 import copy
 import re
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -439,6 +440,33 @@ class TestModule:
             target(image)
             target.load_state_dict(source.state_dict())
             assert_same(target(image), source(image))
+
+    @pytest.mark.parametrize(
+        ("changed", "said"),
+        [
+            ({"probe": "other"}, "holds another light: photographs are now explained under that light"),
+            ({"view": "other"}, "holds another view: photographs are now explained under that view"),
+            ({"probe": "other", "view": "other"}, "holds another light and view: photographs are now explained under"),
+        ],
+    )
+    def test_a_state_dict_that_changes_the_light_says_so_once(self, basis: BasisImages, changed, said):
+        estimator, other = BRDFEstimator(basis, classes_of()), BRDFEstimator(replace(basis, **changed), classes_of())
+        with pytest.warns(UserWarning, match=said) as warned:
+            nn.ModuleDict({"estimate": estimator}).load_state_dict(nn.ModuleDict({"estimate": other}).state_dict())
+        assert len(warned) == 1
+        assert (estimator.probe, estimator.view) == (other.probe, other.view)
+
+    def test_a_state_dict_of_the_same_light_is_loaded_in_silence(self, basis: BasisImages):
+        estimator = BRDFEstimator(basis, classes_of())
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            estimator.load_state_dict(BRDFEstimator(basis, classes_of()).state_dict())
+
+    def test_repr_tells_lights_apart(self, basis: BasisImages):
+        lit = (replace(basis, probe=probe) for probe in ("0123456789ab", "ba9876543210"))
+        first, second = (repr(BRDFEstimator(one, classes_of())) for one in lit)
+        assert "light=01234567\n" in first
+        assert "light=ba987654\n" in second
 
     def test_state_dict_survives_a_file_and_nesting(self, basis: BasisImages, tmp_path):
         pipeline = nn.ModuleDict({"estimate": BRDFEstimator(synthetic(seed=1), classes_of())})

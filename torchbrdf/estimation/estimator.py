@@ -122,14 +122,19 @@ class BRDFEstimator(nn.Module):
         return {"library": self.library, "names": " ".join(self.names), "probe": self.probe, "view": self.view}
 
     def set_extra_state(self, state: Mapping[str, str]) -> None:
-        """Take over the probe and view of a state_dict; one for other materials was refused before."""
+        """Take over the probe and view of a state_dict; warns where they are others."""
+        if changed := [what for what in ("probe", "view") if getattr(self, what) != state[what]]:
+            both = " and ".join(changed).replace("probe", "light")
+            message = f"the state_dict holds another {both}: photographs are now explained under that {both}"
+            warnings.warn(message, UserWarning, stacklevel=2)
         self.probe, self.view = state["probe"], state["view"]
 
     def extra_repr(self) -> str:
         """Settings and sizes, for `repr`."""
         n, _, p = self.packed.shape
         settings = f"penalty={self.penalty!r}, solver={self.solver!r}, constraint={self.constraint!r}"
-        return f"{settings}, robust={self.robust}, n={n}, pixels={p}"
+        lights = " ".join(one[:8] for one in self.probe.split())
+        return f"{settings}, robust={self.robust}, n={n}, pixels={p}, light={lights}"
 
     @property
     def frames(self) -> Frames:
