@@ -172,6 +172,7 @@ class TestRightProbe:
         torch.testing.assert_close(found.basis.packed, expected.packed, rtol=1e-5, atol=1e-6)
         assert found.angle == 0
         assert found.log_odds < 0
+        assert not found.turned
         assert found.confident
         assert str(found).startswith(
             "light probe left as it is: no turn explains the photograph clearly better (standard deviation "
@@ -186,6 +187,7 @@ class TestStart:
         torch.testing.assert_close(found.rotation, TURN)
         assert torch.equal(found.probe.radiance, GIVEN.rotated(TURN).radiance)
         assert found.log_odds < 0
+        assert not found.turned
         assert found.angle == pytest.approx(4)
         assert str(found).startswith(
             "light probe kept turned by 4.00 degrees about (0.37, -0.74, 0.56), as believed: "
@@ -197,6 +199,7 @@ class TestStart:
         found = aligned(photographs["paint"], start=TURN.T.float())
         assert degrees_between(found.rotation, TURN) < 0.1
         assert found.log_odds > 5
+        assert found.turned
 
     @pytest.mark.parametrize("start", [torch.eye(4), -torch.eye(3)])
     def test_is_no_rotation(

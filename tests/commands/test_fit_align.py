@@ -63,6 +63,7 @@ def test_aligns_and_fits(
     assert run(photo, turned_probe, precomputed_directory, out, "--align") == 0
     assert {path.name for path in out.iterdir()} == ALIGNED
     record = json.loads((out / "alignment.json").read_text())
+    assert record["turned"] is True
     rotation = torch.tensor(record["rotation"], dtype=torch.float64)
     assert degrees_between(rotation, TURN) < 0.3
     assert record["degrees"] == pytest.approx(degrees_between(rotation, torch.eye(3)), abs=1e-6)
@@ -117,7 +118,7 @@ def test_divides_by_the_exposure(
     factors = torch.tensor(record["exposure"])
     assert factors[0] > 1.1 * factors[1] > 1.2 * factors[2]
     assert min(record["exposure_log_std"]) > 0
-    assert (record["degrees"], record["blur_degrees"]) == (0, 0)
+    assert (record["turned"], record["degrees"], record["blur_degrees"]) == (False, 0, 0)
     torch.testing.assert_close(torch.tensor(record["rotation"]), torch.eye(3))
     fitted = tb.read_image(out / "fitted.exr")
     expected = photographs["satin"] * (gains / factors)[:, None, None]

@@ -121,12 +121,17 @@ class Alignment:
         """Whether the photograph tells the rotation about every axis to a degree."""
         return self.converged and self.uncertainty <= degrees(CONFIDENT)
 
+    @property
+    def turned(self) -> bool:
+        """Whether another rotation than that of the start explains the photograph clearly better, and was taken."""
+        return self.log_odds > CLEAR
+
     def __str__(self) -> str:
         """One line on what was found."""
         axis = rotation_vector(self.rotation)
         x, y, z = (axis / axis.norm().clamp_min(1e-12)).tolist()
         what = f"turned by {self.angle:.2f} degrees about ({x:.2f}, {y:.2f}, {z:.2f})"
-        if self.log_odds <= CLEAR:
+        if not self.turned:
             kept = f"kept {what}, as believed: no other" if self.angle else "left as it is: no"
             what = f"{kept} turn explains the photograph clearly better"
         certainty = f"standard deviation {self.uncertainty:.2f} degrees about the least certain axis"

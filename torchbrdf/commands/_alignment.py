@@ -133,6 +133,7 @@ def silhouette_record(ball: FoundSilhouette) -> dict[str, object]:
 def write(record_path: Path, probe_path: Path, found: Alignment, primaries: ColourSpace) -> None:
     """Write alignment.json and the aligned probe, in this colour space."""
     record = {
+        "turned": found.turned,
         "rotation": found.rotation.tolist(),
         "degrees": found.angle,
         "standard_deviation_degrees": found.uncertainty,
