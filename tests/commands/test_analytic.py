@@ -126,7 +126,8 @@ def test_table_and_preview(capsys, tmp_path, clay):
     tb.write_image(white, torch.ones(3, 8, 16))
     files = ("-o", tmp_path / "x.binary", "--preview", tmp_path / "x.exr", "--probe", white, "--size", 20)
     lines, _ = run(capsys, clay, "--model", "lambert", *files)
-    assert lines[-2:] == [f"wrote {tmp_path / 'x.binary'}", f"wrote {tmp_path / 'x.exr'}"]
+    shown = f"wrote {tmp_path / 'x.exr'}: from left to right clay, lambert"
+    assert lines[-2:] == [f"wrote {tmp_path / 'x.binary'}", shown]
     written, given = (tb.MerlTable.open(path).filled for path in (tmp_path / "x.binary", clay))
     torch.testing.assert_close(written, given, rtol=1e-5, atol=1e-7)
     image = tb.read_image(tmp_path / "x.exr")
@@ -269,13 +270,16 @@ class TestPhotograph:
         assert written != pytest.approx(held_at_table["parameters"]["base_color"], rel=0.1)
         assert (tmp_path / "x.png").read_bytes()[16:24] == struct.pack(">II", 5 * 8, 8)
 
-    def test_says_which_is_which(self, capsys, photo, light, table):
-        lines, _ = run(capsys, table, "--model", "lambert", "--photograph", photo, "--probe", light)
+    def test_says_which_is_which(self, capsys, tmp_path, photo, light, table):
+        preview = tmp_path / "x.png"
+        given = ("--photograph", photo, "--probe", light, "--preview", preview, "--size", 8)
+        lines, _ = run(capsys, table, "--model", "lambert", *given)
         assert lines[0].startswith(f"photograph {photo}: circle at ")
         first, notice, second = (i for i, line in enumerate(lines) if line.startswith(("lambert", "refined")))
         assert lines[first].endswith("% (cube-root)")
         assert lines[notice] == f"refined from there on {photo}:"
         assert lines[second].endswith("% (pixels)")
+        assert lines[-1] == f"wrote {preview}: from left to right gold, lambert, lambert refined"
 
     @pytest.mark.parametrize(
         ("more", "said"),

@@ -30,7 +30,9 @@ def test_without_a_posterior_there_is_no_good_grade():
 
 def test_errors_of_the_capture_come_before_more_light_and_one_action_says_one_thing():
     assert improvements([], []) == []
-    assert improvements(["class", "clamped"], []) == []
+    assert improvements(["class"], []) == []
+    assert improvements(["clamped", "class"], []) == ["clamped"]
+    assert improvements(["clamped"], ["gloss", "shadow"]) == ["gloss", "clamped"]
     assert improvements(["uncertain"], ["shadow", "grazing"]) == ["shadow"]
     assert improvements(["uncertain"], ["gloss"]) == ["gloss"]
     found = improvements(["uncertain", "unexplained", "normals"], ["gloss"])
@@ -41,3 +43,5 @@ def test_errors_of_the_capture_come_before_more_light_and_one_action_says_one_th
 def test_what_was_tried_is_not_recommended():
     assert sentence("unexplained", []).startswith("Fit again with `--align`; mask ")
     assert sentence("unexplained", ["--align", "--robust"]) == "Mask reflections of things near by."
+    assert sentence("clamped", []).endswith("fit again with `--constraint energy`.")
+    assert sentence("clamped", ["--constraint energy"]) == ""

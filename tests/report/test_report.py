@@ -107,7 +107,7 @@ def test_every_section_is_there(report, subject):
     assert sum(attrs.get("class") == "slice" for attrs in page.all("div")) == 2
     for fingerprint in (result.library, subject.basis.probe, subject.basis.view):
         assert fingerprint in text
-    assert "12 pixels are masked out" in text
+    assert "12 pixels (grey) are left out: the mask’s, and on the edge those that hold background." in text
 
 
 def test_names_are_escaped(report):
@@ -132,7 +132,7 @@ def test_the_photograph_is_shown_upright_at_the_stated_exposure(report, subject)
 
 def test_the_note_on_the_light_is_how_a_ball_looks_under_it(report, tiny_tables):
     """A lamp in the middle of the picture shines back from the middle of the ball, one at the ends lights no pixel."""
-    note = "Its middle lies behind the camera, its left and right ends lie behind the ball."
+    note = "The middle of the picture of the light lies behind the camera, its left and right ends lie behind the ball."
     assert note in " ".join(Page(report.read_text(encoding="utf-8")).text)
     shown = []
     for columns in ([16, 17], [0, 33]):
@@ -326,6 +326,13 @@ def test_the_other_light_is_another(subject):
     assert torch.allclose(turned.total_power, default.total_power, rtol=0.01)
 
 
+def test_the_room_that_was_photographed_is_no_new_one(subject):
+    evidence = gather(subject, 12, 16)
+    assert evidence.other_room == "torchbrdf’s studio room"
+    taken_there = replace(evidence, probes=(LightProbe.default(), *evidence.probes[1:]))
+    assert taken_there.other_room == "the same room, turned by 180°"
+
+
 def test_the_spread_is_relative_and_0_in_the_dark():
     deviation, radiance = torch.tensor([[3.0], [0.0], [4.0]]), torch.tensor([[0.0], [10.0], [0.0]])
     assert float(relative_spread(deviation, radiance)) == pytest.approx(0.5)
@@ -437,3 +444,19 @@ def test_the_silhouette_is_drawn_on_the_whole_photograph(subject, tmp_path):
     assert whole[2].startswith("180.50,60.00 ")
     assert enlarged[:2] == ("80", "70")
     assert enlarged[2].startswith("70.50,40.00 ")
+
+
+def test_the_whole_photograph_has_the_exposure_of_the_ball(subject, tmp_path):
+    """A lamp elsewhere in it, which its own exposure would show, leaves both pictures as they were."""
+    outline = torch.tensor([[120.0, 60.0], [150.0, 30.0], [180.0, 60.0], [150.0, 90.0]])
+    photograph = torch.full((3, 90, 200), 0.25)
+    photograph[:, :40, :40] = 1000.0
+    write_report(
+        tmp_path / "a.html", subject, {}, scene=Scene(photograph, outline, "as given"), size=16, samples=16
+    )
+    page = Page((tmp_path / "a.html").read_text(encoding="utf-8"))
+    images = {attrs["alt"]: pixels(attrs) for attrs in page.all("img")}
+    assert images["The ball"].min() == images["The whole photograph"][50:, 50:].min() == 1
+    text = " ".join(page.text)
+    assert "As given." in text
+    assert "both shown with exposure × 4, at which" in text

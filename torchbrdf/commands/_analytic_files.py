@@ -20,16 +20,6 @@ _SAMPLES = 1024
 """Of a pixel of the preview, on average."""
 
 
-def write_preview(
-    path: Path, table: MerlTable, fits: list[AnalyticFit], probe: LightProbe, size: int, primaries: ColourSpace
-) -> None:
-    """Spheres side by side under a probe: the table, and each fit; a .png at the exposure of the table's highlight."""
-    view = SphereView(size)
-    pictures = render_tables([table, *(fit.table for fit in fits)], probe, view, _SAMPLES)
-    exposure = exposure_for(pictures[0], view.mask) if path.suffix.lower() == ".png" else 1.0
-    write_image(path, torch.cat(list(pictures), dim=-1) * exposure, primaries=primaries)
-
-
 def uncertainty_of(brdf: Path, findings: Findings) -> Tensor | None:
     """The standard deviation of every cell that `torchbrdf fit --uncertainty` left in a folder."""
     if not (brdf / RESULT_STD).is_file():
@@ -42,6 +32,7 @@ class Fits:
     """What was fitted, each told as it comes.
 
     all      fits, in the order of the preview; records: what a script is told of them
+    labels   what each is, for people
     """
 
     def __init__(self, findings: Findings, refinement: Refinement | None, most_evaluations: int | None) -> None:
@@ -53,6 +44,7 @@ class Fits:
         self._findings, self._refinement, self._most = findings, refinement, most_evaluations
         self.all: list[AnalyticFit] = []
         self.records: list[dict[str, Any]] = []
+        self.labels: list[str] = []
 
     def tell(self, fit: AnalyticFit) -> AnalyticFit:
         """A fit of the table, and what it became on the photograph, which is given back."""
@@ -68,6 +60,17 @@ class Fits:
         _tell(fit, self._findings)
         self.all.append(fit)
         self.records.append(_record(fit) | {"photograph": photograph})
+        self.labels.append(fit.model if photograph is None else f"{fit.model} refined")
+
+
+def write_preview(
+    path: Path, table: MerlTable, fits: Fits, probe: LightProbe, size: int, primaries: ColourSpace
+) -> None:
+    """Spheres side by side under a probe: the table, and each fit; a .png at the exposure of the table's highlight."""
+    view = SphereView(size)
+    pictures = render_tables([table, *(fit.table for fit in fits.all)], probe, view, _SAMPLES)
+    exposure = exposure_for(pictures[0], view.mask) if path.suffix.lower() == ".png" else 1.0
+    write_image(path, torch.cat(list(pictures), dim=-1) * exposure, primaries=primaries)
 
 
 def _tell(fit: AnalyticFit, findings: Findings) -> None:

@@ -135,7 +135,12 @@ def write_page(path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scen
         "classes": f"{fitted.classes.sizes} basis BRDFs",
     }
     observability = fitted.setting.observability
-    tried = (["--align"] if "alignment" in settings else []) + (["--robust"] if fitted.estimator.robust else [])
+    constraint = fitted.estimator.constraint
+    tried = [
+        *(["--align"] if "alignment" in settings else []),
+        *(["--robust"] if fitted.estimator.robust else []),
+        *([f"--constraint {constraint}"] if constraint else []),
+    ]
     for doubt in write_report(
         path, fitted.subject, description, observability=observability, scene=scene, tried=tried
     ):

@@ -96,10 +96,12 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
             if wanted.caution:
                 findings.line(f"caution: {wanted.caution}")
         if preview and probe:
-            write_preview(preview, table, fits.all, probe, options.size, options.primaries)
+            write_preview(preview, table, fits, probe, options.size, options.primaries)
     cautions = [wanted.caution] if wanted is not None and wanted.caution else []
     findings.add(fits=fits.records, cautions=cautions)
-    for path in filter(None, (options.output, options.preview)):
-        findings.line(f"wrote {path}")
-        findings.add_files(path)
+    shown = f": from left to right {', '.join([table.name, *fits.labels])}"
+    for path, what in ((options.output, ""), (options.preview, shown)):
+        if path is not None:
+            findings.line(f"wrote {path}{what}")
+            findings.add_files(path)
     return 0

@@ -31,7 +31,7 @@ def classes_section(evidence: Evidence, view: View) -> str:
             picture(
                 on_grey(candidate.fitted, observed, shape, shape), f"{what}: fit", observed, kind_of("small", view)
             ),
-            ball(candidate.novel, sphere, novel, f"{what} under the default probe", "small"),
+            ball(candidate.novel, sphere, novel, f"{what} under another light", "small"),
             ball(candidate.frontal, sphere, frontal, f"{what} under a directional light at 0 degrees", "small"),
         )
         cells = "".join(f'<td class="shot"><div class="plate">{shot}</div></td>' for shot in shots)
@@ -47,7 +47,7 @@ def classes_section(evidence: Evidence, view: View) -> str:
         )
 
     head = (
-        "<tr><th></th><th>photograph’s light</th><th>studio room</th><th>directional, 0°</th>"
+        "<tr><th></th><th>photograph’s light</th><th>another light</th><th>directional, 0°</th>"
         f"{'<th>proba-<br>bility</th>' if evidence.averaged else ''}<th>error on<br>photograph</th>"
         "<th>basis<br>BRDFs</th><th>clamped</th><th>largest weights</th></tr>"
     )
@@ -61,6 +61,7 @@ def classes_section(evidence: Evidence, view: View) -> str:
     shown = [found, *evidence.candidates] if evidence.averaged else evidence.candidates
     return section(
         "Every class’s candidate",
-        f"<p>{about} All rows of a column share one exposure.</p>",
+        f"<p>{about} All rows of a column share one exposure; another light is "
+        f"{evidence.other_room}.</p>",
         f'<table class="classes"><thead>{head}</thead><tbody>{"".join(map(row, shown))}</tbody></table>',
     )

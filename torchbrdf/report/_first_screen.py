@@ -72,7 +72,7 @@ def _pictures(evidence: Evidence, view: View) -> str:
         (
             ball(found.novel, sphere, exposure_for(found.novel, sphere.mask), "under another light", "wide"),
             "Under another light",
-            ", a studio room",
+            f", {evidence.other_room}",
         ),
     ]
     if evidence.spread is not None:
@@ -94,7 +94,8 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
     gloss, best, albedo = gloss_of(evidence.found.table), evidence.best, evidence.albedo[0].tolist()
     names = in_words([f"<b>{escape(alike[0].name)}</b>", *(escape(one.name) for one in alike[1:])])
     sentences = [
-        f"In this photograph it looks most like {names} of the library, to {alike[0].difference:.1%} of white.",
+        f"In this photograph it looks most like {names} of the library, shown in this order. The first’s pixels differ "
+        f"by {alike[0].difference:.1%} of white (RMS).",
         f"{_gloss(evidence, gloss)}.",
         f"{_swatch(albedo)}Reflects {_shares(albedo)} of red, green, blue light from the front.",
         f"{_swatch(gloss.beside)}Beside the highlight as a matt surface of {_shares(gloss.beside)}.",
@@ -119,17 +120,18 @@ def _gloss(evidence: Evidence, gloss: Gloss) -> str:
 
 
 def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:
-    if acts:
-        items = "".join(
-            f'<li>{marked(sentence(topic, tried))} <a href="#{ADVICE[topic].anchor}">Why</a></li>' for topic in acts
-        )
-        said = f"<ol>{items}</ol>"
-    else:
+    said_of = {topic: text for topic in acts if (text := sentence(topic, tried))}
+    items = "".join(
+        f'<li>{marked(text)} <a href="#{ADVICE[topic].anchor}">Why</a></li>' for topic, text in said_of.items()
+    )
+    said = f"<ol>{items}</ol>" if items else ""
+    if set(said_of) <= {"clamped"}:  # of which no photograph needs to be taken anew
         text = (
-            "Nothing stands out. What helps most is a second photograph, from another side or under another light: "
-            "`torchbrdf observe --probe PROBE --suggest` says which, and `torchbrdf fit --same-material` takes both."
+            f"Nothing {'else ' if items else ''}stands out. What helps most is a second photograph, from another side "
+            "or under another light: `torchbrdf observe --probe PROBE --suggest` says which, and `torchbrdf fit "
+            "--same-material` takes both."
         )
-        said = f"<p>{marked(text)}</p>"
+        said += f"<p>{marked(text)}</p>"
     return f'<div class="answer"><h2>What would make it better?</h2>{said}</div>'
 
 

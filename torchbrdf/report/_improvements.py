@@ -9,8 +9,9 @@ MOST = 2
 """Actions at once: who is told ten does none."""
 
 _CAPTURE: tuple[Topic, ...] = ("normals", "clipped", "too-bright", "unexplained")
-_ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing")
-"""Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first."""
+_ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing", "clamped")
+"""Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first; then
+what another fit of the same photograph mends."""
 
 _SAME = {"gloss", "shadow", "uncertain", "grazing"}
 """More light, or a second photograph: one of them says it."""
@@ -28,7 +29,9 @@ def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
 
 
 def sentence(topic: Topic, tried: Collection[str]) -> str:
-    """What to do, as a sentence, without options that were tried."""
+    """What to do, as a sentence, without options that were tried; empty where nothing is left."""
     clauses = [clause for clause in ADVICE[topic].actions if not any(f"`{option}`" in clause for option in tried)]
+    if not clauses:
+        return ""
     text = ", or ".join(filter(None, ("; ".join(clauses[:-1]), clauses[-1])))
     return f"{text[0].upper()}{text[1:]}."

@@ -45,22 +45,32 @@ def silhouette_section(scene: Scene) -> str:
     right, bottom = (
         min(n, ceil(stop)) for stop, n in zip((high + _AROUND * across).tolist(), (width, height), strict=True)
     )
-    plates = [_outlined(scene, slice(top, bottom), slice(left, right), "The ball")]
+    near = slice(top, bottom), slice(left, right)
+    around = scene.photograph[:, *near].nan_to_num(0.0, 0.0, 0.0)
+    exposure = exposure_for(around, torch.ones_like(around[:1], dtype=torch.bool))
+    plates = [_outlined(scene, *near, "The ball", exposure)]
     if max(height, width) > _MUCH_LARGER * across:
-        plates.insert(0, _outlined(scene, slice(0, height), slice(0, width), "The whole photograph"))
+        plates.insert(0, _outlined(scene, slice(0, height), slice(0, width), "The whole photograph", exposure))
+    shown = "shown with" if len(plates) == 1 else "both shown with"
+    note = (
+        f"The yellow line should run along the ball’s edge; {shown} exposure × {exposure:.3g}, at which the 99th "
+        "percentile of the ball and what lies around it is white."
+    )
     return section(
-        "Where the ball is", f"<p>{escape(scene.about)}</p>", f'<div class="outlined">{"".join(plates)}</div>'
+        "Where the ball is",
+        f"<p>{escape(scene.about[:1].upper() + scene.about[1:])}.</p>",
+        f'<div class="outlined">{"".join(plates)}</div>',
+        f'<p class="note">{note}</p>',
     )
 
 
-def _outlined(scene: Scene, rows: slice, columns: slice, caption: str) -> str:
+def _outlined(scene: Scene, rows: slice, columns: slice, caption: str, exposure: float) -> str:
     """A part of the photograph, made smaller by whole pixels, under the outline."""
     part = scene.photograph[:, rows, columns]
     part = part.nan_to_num(0.0, float(part[part.isfinite()].amax()), 0.0)
     step = ceil(max(part.shape[1:]) / _WIDEST)
     shown = avg_pool2d(part, step, ceil_mode=True, count_include_pad=False)
     _, height, width = part.shape
-    exposure = exposure_for(shown, torch.ones_like(shown[:1], dtype=torch.bool))
     points = " ".join(f"{x - columns.start:.2f},{y - rows.start:.2f}" for x, y in scene.outline.tolist())
     lines = f'<svg viewBox="0 0 {width} {height}" aria-hidden="true"><polygon points="{points}"/></svg>'
     return plate(f'<div class="under">{picture(shown, caption, exposure)}{lines}</div>', f"<b>{caption}</b>")

@@ -184,6 +184,12 @@ class Evidence:
         return None if self.spread is None else self.spread.typical
 
     @property
+    def other_room(self) -> str:
+        """Which light `other_light` is, in words."""
+        taken_there = self.probes[0].fingerprint == LightProbe.default().fingerprint
+        return "the same room, turned by 180°" if taken_there else "torchbrdf’s studio room"
+
+    @property
     def grade(self) -> Grade:
         """Whether the result is good."""
         return grade_of(self.found.error, self.typical_spread, [doubt.topic for doubt in self.doubts])

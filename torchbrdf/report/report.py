@@ -107,7 +107,8 @@ def _observed(evidence: Evidence, view: View) -> str:
     spread = float(torch.quantile(difference[used].abs().float(), 0.99))
     scale = next((s for s in _MAP_SCALES if s >= spread), _MAP_SCALES[-1])
     unused = int((shape & ~used).sum())
-    masked = f" {unused} pixels are masked out (grey)." if unused else ""
+    why = "the mask’s, and on the edge those that hold background" if isinstance(view, SphereView) else "the mask’s"
+    left_out = f" {unused} pixels (grey) are left out: {why}." if unused else ""
     errors = ", ".join(
         f"{name} {error:.2%}" for name, error in zip("RGB", evidence.channel_errors, strict=True) if isfinite(error)
     )
@@ -116,7 +117,7 @@ def _observed(evidence: Evidence, view: View) -> str:
     plates = [
         plate(
             picture(on_grey(evidence.photograph, exposure, used, shape), "the photograph", exposure, kind),
-            f"<b>Photograph</b>, {used.shape[-1]} × {used.shape[-2]}.{masked}",
+            f"<b>Photograph</b>, {used.shape[-1]} × {used.shape[-2]}.{left_out}",
         ),
         plate(
             picture(on_grey(found.fitted, exposure, shape, shape), "the fit under the same light", exposure, kind),
@@ -133,10 +134,11 @@ def _observed(evidence: Evidence, view: View) -> str:
         f'<p class="note">Shown with exposure × {exposure:.3g} ({stops} stops): radiance {1 / exposure:.3g}, the 99th '
         "percentile of the photograph, is white; brighter pixels are clipped. Tone curve: gamma 2.2.</p>"
     )
-    light = plate(light_picture(evidence.probes[0], "large"), "")
+    caption = f"<b>The light</b>, {escape(short_name(evidence.probes[0]))}."
+    light = plate(light_picture(evidence.probes[0], "large"), caption)
     about = (
-        f'<div><p class="note"><b>The light</b>: {escape(short_name(evidence.probes[0]))}. Its middle lies behind the '
-        f"camera, its left and right ends lie behind the ball.</p>{note}</div>"
+        '<div><p class="note">The middle of the picture of the light lies behind the camera, its left and right ends '
+        f"lie behind the ball.</p>{note}</div>"
     )
     return section(
         "The photograph and its fit",
@@ -149,7 +151,7 @@ def _novel(evidence: Evidence) -> str:
     sphere = SphereView(evidence.turned.shape[-1])
     probes = []
     for image, probe, caption in (
-        (evidence.found.novel, evidence.probes[1], "<b>Another light</b>, torchbrdf’s studio room"),
+        (evidence.found.novel, evidence.probes[1], f"<b>Another light</b>, {evidence.other_room}"),
         (evidence.turned, evidence.probes[2], f"<b>The photograph’s light</b>, turned {TURN_DEG:.0f}° about +Y"),
     ):
         probes.append(sphere_plate(image, sphere, exposure_for(image, sphere.mask), caption))
@@ -158,7 +160,7 @@ def _novel(evidence: Evidence) -> str:
     for angle, image in evidence.directional.items():
         where = "from the camera" if angle == 0 else "from behind, image right"
         for exposure, what in zip(stops_for(image), (where, "beside the highlight"), strict=True):
-            caption = f"{light_plan(angle)}<b>Directional, {angle:g}°</b>, {what}<br>exposure × {exposure:g}"
+            caption = f"{light_plan(angle)}<b>Directional, {angle:g}°</b>, {what}<br>exposure × {_power(exposure)}"
             directional.append(sphere_plate(image, sphere, exposure, caption))
     note = (
         '<p class="note">Under the probes the 99th percentile of each picture is white. The directional lights have '
@@ -168,6 +170,11 @@ def _novel(evidence: Evidence) -> str:
     )
     rows = (f'<div class="four">{"".join(figures)}</div>' for figures in (probes, directional))
     return section("Under light that was not photographed", *rows, note)
+
+
+def _power(exposure: float) -> str:
+    """A power of two, for people."""
+    return f"{exposure:g}" if exposure >= 1 else f"1/{1 / exposure:g}"
 
 
 def _curves(evidence: Evidence) -> str:

@@ -54,8 +54,11 @@ img.disc { border-radius: 50%; }
 .four .plate { aspect-ratio: 1; }
 .below { margin-top: 22px; gap: 22px; } .below div { flex: 1; min-width: 260px; } .below figure { flex: none; }
 @media (max-width: 640px) { .three, .four { grid-template-columns: repeat(2, minmax(0, 1fr)); }
-  main { padding: 20px 16px 48px; } .halves { grid-template-columns: 1fr; } h1 { font-size: 24px; } }
+  main { padding: 20px 16px 48px; } .halves { grid-template-columns: 1fr; } h1 { font-size: 24px; }
+  .three > div { grid-column: 1 / -1; } }
 .outlined { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 16px; align-items: start; }
+@media (max-width: 640px) { .outlined { grid-template-columns: 1fr; } }
+.row svg { max-width: 100%; height: auto; }
 .under { position: relative; } .under img { width: 100%; min-width: 256px; }
 .under svg { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }
 .under polygon { fill: none; stroke: #ffd400; stroke-width: 1.5; vector-effect: non-scaling-stroke; }
