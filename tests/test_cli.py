@@ -189,7 +189,7 @@ def test_verify_names_sound_and_unsound(capsys, tmp_path):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "1 sound: brass"
     assert lines[1].startswith("unsound nylon: ")
-    assert lines[2].startswith("  brass: MERL, f_r 0.1 to 0.1 1/sr, 0.0% not measured, ")
+    assert lines[2].startswith("  brass: MERL, f_r 0.1 to 0.1 1/sr, measured 100.0%, ")
 
 
 def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys, tmp_path, monkeypatch):

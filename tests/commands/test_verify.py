@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from torchbrdf.brdf import MerlTable
+from torchbrdf.brdf import MerlTable, above_horizon
 from torchbrdf.cli import main
 
 
@@ -21,7 +21,7 @@ def lines(capsys: pytest.CaptureFixture[str], *paths: Path) -> list[str]:
 
 def test_what_a_table_is(capsys, folder: Path):
     (line,) = [line for line in lines(capsys, folder) if line.startswith("  white: ")]
-    assert "MERL, f_r 0.239 to 0.255 1/sr, 0.0% not measured, reflects at most 80.0% (at " in line
+    assert "MERL, f_r 0.239 to 0.255 1/sr, measured 100.0%, reflects at most 80.0% (at " in line
 
 
 def test_what_to_be_warned_of(capsys, folder: Path):
@@ -43,6 +43,23 @@ def test_a_table_of_zeros_and_one_of_few_cells(capsys, folder: Path):
     said = capsys.readouterr().err
     assert "warning: dark: reflects nothing: " in said
     assert "warning: torn: 57% of its cells were not measured; " in said
+
+
+def test_what_was_measured_is_one_number(capsys, folder: Path):
+    """Of `repr`, of `verify` and of `convert`: the share of the cells above the horizon."""
+    white = MerlTable.open(folder / "white.binary")
+    valid = white.valid.clone()
+    valid[30:] = False
+    table = MerlTable(white.values, valid, "torn")
+    share = f"{float(valid.sum()) / float(above_horizon().sum()):.1%}"
+    assert share == f"{table.measured_share:.1%}"
+    assert f"MerlTable('torn', measured {share}, f_r" in repr(table)
+    table.save(folder / "torn.binary")
+    assert any(f"  torn: MERL, f_r 0.239 to 0.255 1/sr, measured {share}, " in line for line in lines(capsys, folder))
+    assert main(["convert", str(folder / "torn.binary"), str(folder / "again.binary")]) == 0
+    said = capsys.readouterr().out
+    assert f"measured {share}, " in said
+    assert f"over the {share} of the cells above the horizon that both measured" in said
 
 
 def test_a_fit_and_a_file_of_several_folders(capsys, folder: Path, merl_directory: Path, tmp_path: Path):

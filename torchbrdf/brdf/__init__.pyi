@@ -26,6 +26,7 @@ from .merl_grid import (
     above_horizon as above_horizon,
     cell_centres as cell_centres,
     cell_index as cell_index,
+    measured_share as measured_share,
 )
 from .metrics import (
     METRICS as METRICS,

@@ -12,7 +12,7 @@ from torchbrdf.brdf._reused_columns import GramSum, reusable
 from torchbrdf.brdf.albedo import albedo_of
 from torchbrdf.brdf.column_sources import ColumnSource
 from torchbrdf.brdf.merl import nearest_measured
-from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
+from torchbrdf.brdf.merl_grid import GRID, N_CELLS, measured_share
 from torchbrdf.brdf.sameness import same_measurements, sampled_cells
 from torchbrdf.brdf.stored_columns import (
     ROW_CELLS,
@@ -182,11 +182,7 @@ def remarks(
     which = _run(materials)
     albedo = albedo_of(lambda cells: rows(cells)[:, which]) * scale[which]
     each = zip(materials, albedo.split(3, dim=1), strict=True)
-    return [tuple(filter(None, (brightness(one), holes(_measured_share(valid[[i]]))))) for i, one in each]
-
-
-def _measured_share(valid: Tensor) -> float:
-    return float(shared_cells(valid).sum()) / float(above_horizon().sum())
+    return [tuple(filter(None, (brightness(one), holes(measured_share(shared_cells(valid[[i]])))))) for i, one in each]
 
 
 def same_in(rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.merl import MerlTable
-from torchbrdf.brdf.merl_grid import above_horizon
+from torchbrdf.brdf.merl_grid import measured_share
 from torchbrdf.brdf.metrics import METRICS, cell_measure, incident_cosine
 from torchbrdf.images import relative_rms
 
@@ -48,7 +48,7 @@ class BRDFDifference:
         black = 0.0 if not bool(image[mask.expand(image.shape)].any()) else inf
         return cls(
             {metric: cell_difference(table, reference, metric) for metric in METRICS},
-            float((table.valid & reference.valid).sum()) / float(above_horizon().sum()),
+            measured_share(table.valid.cpu() & reference.valid.cpu()),
             relative_rms(image, target, mask) if lit else black,
             float(colours.mean()),
             float(torch.quantile(colours[:: max(1, len(colours) // 1_000_000)], 0.95)),

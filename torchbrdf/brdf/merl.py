@@ -17,7 +17,15 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference, half_difference
-from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon, cell_centres, cell_index, grid_coordinates
+from torchbrdf.brdf.merl_grid import (
+    GRID,
+    N_CELLS,
+    above_horizon,
+    cell_centres,
+    cell_index,
+    grid_coordinates,
+    measured_share,
+)
 from torchbrdf.brdf.settings import AGAIN, RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
 
@@ -94,17 +102,17 @@ class MerlTable:
             )
 
     def __repr__(self) -> str:
-        """Name, share of measured cells and range."""
+        """Name, `measured_share` and range."""
         measured = self.values[self.valid]
         return (
-            f"MerlTable({self.name!r}, measured {self.valid.double().mean():.1%}, "
+            f"MerlTable({self.name!r}, measured {self.measured_share:.1%}, "
             f"f_r {measured.min():.3g} to {measured.max():.3g} 1/sr)"
         )
 
     @property
     def measured_share(self) -> float:
         """Share of the cells above the horizon that were measured."""
-        return float(self.valid.sum() / above_horizon().sum())
+        return measured_share(self.valid)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "MerlTable":

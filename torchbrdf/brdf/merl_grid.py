@@ -28,6 +28,15 @@ def above_horizon() -> Tensor:
     return tilt.abs() < torch.cos(theta_d) * torch.cos(theta_h)  # z of w_i and w_o is the right side -+ the tilt
 
 
+def measured_share(valid: Tensor) -> float:
+    """Of the cells above the horizon the share that (90, 90, 180) bool, or as many in another shape, holds.
+
+    The others no direction reaches: a whole table has 1.
+    """
+    lit = above_horizon().to(valid.device)
+    return int((valid.reshape(GRID) & lit).sum()) / int(lit.sum())
+
+
 def grid_coordinates(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Angles as coordinates in units of cells: cell i covers [i, i + 1). phi_d is reduced modulo pi."""
     return (

@@ -43,7 +43,7 @@ class VerifiedTable:
         """One line."""
         angle = ALBEDO_DEG[int(self.albedo.amax(1).argmax())]
         return (
-            f"{self.name}: {self.kind}, f_r {self.least:.3g} to {self.most:.3g} 1/sr, {self.holes:.1%} not measured, "
+            f"{self.name}: {self.kind}, f_r {self.least:.3g} to {self.most:.3g} 1/sr, measured {1 - self.holes:.1%}, "
             f"reflects at most {float(self.albedo.max()):.1%} (at {angle}°)"
         )
 

@@ -26,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Convert a measured table: MERL's .binary to .bsdf and back; says what the file that was written holds of it."""
-    from torchbrdf.brdf import above_horizon, cell_difference, read_table
+    from torchbrdf.brdf import cell_difference, measured_share, read_table
     from torchbrdf.commands._inputs import open_table
     from torchbrdf.files import writing
 
@@ -44,8 +44,8 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     findings.line(f"read {table}")
     found = {name: float(cell_difference(written, table, name)) for name in METRIC_NAMES}
     differences = ", ".join(f"{name} {value:.2%}" for name, value in found.items())
-    common = float((written.valid & table.valid).sum()) / float(above_horizon().sum())
-    differs = f"it differs by {differences}, over {common:.1%} of the cells above the horizon"
+    common = measured_share(written.valid & table.valid)
+    differs = f"it differs by {differences}, over the {common:.1%} of the cells above the horizon that both measured"
     findings.line(f"wrote {output}: read again, {differs}")
     if output.suffix.lower() == RGL_SUFFIX:
         readers = "Mitsuba's spectral variants and pbrt-v4" if options.spectral else "Mitsuba's RGB variants"

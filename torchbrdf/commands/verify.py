@@ -21,9 +21,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Say which measured tables are sound, what they hold, and what is wrong with the others.
 
-    Of a sound one: its kind, the range of f_r, the share of cells that were not measured, and the most it reflects.
-    Warns of those that reflect more than they get, or nothing, or measured few cells, and of two that are one
-    measurement. Where at least half of the materials of MERL are there, says which of them are missing.
+    Of a sound one: its kind, the range of f_r, the share of the cells above the horizon that were measured, and the
+    most it reflects. Warns of those that reflect more than they get, or nothing, or measured few cells, and of two that
+    are one measurement. Where at least half of the materials of MERL are there, says which of them are missing.
     """
     import warnings
     from dataclasses import asdict
