@@ -31,7 +31,7 @@ def test_srgb_to_one_percent(tmp_path, suffix):
 
 def test_a_curve_that_no_file_names_is_estimated(tmp_path):
     found = merge(bracket(tmp_path, SCENE, TIMES, Camera("s-shaped")))
-    assert "response estimated from the brackets: under sRGB exposures are" in found.about[0]
+    assert "response estimated from the brackets: under sRGB the radiance of the same patches" in found.about[0]
     assert np.median(errors(found.image, scaled=True)) < 0.015
 
 
@@ -257,9 +257,8 @@ class TestRefused:
             merge([*files, tmp_path / "white.jpg"])
 
     def test_no_response_explains_them(self, files):
-        with pytest.raises(
-            ValueError, match=r"no response explains these exposures \(\d+% apart\): the times are wrong"
-        ):
+        differs = r"the radiance of the same patches differs by \d+% from one exposure to another"
+        with pytest.raises(ValueError, match=f"no response explains these exposures: {differs}; the times are wrong"):
             merge(files, [0.01, 0.011, 0.6, 0.61])
 
 
@@ -283,7 +282,7 @@ class TestWarned:
 
     def test_another_response_than_given(self, tmp_path):
         files = bracket(tmp_path, SCENE, TIMES, Camera("s-shaped"))
-        with pytest.warns(UserWarning, match=r"apart under this response: .* leave --response and --like out"):
+        with pytest.warns(UserWarning, match=r"under this response the radiance of .* leave --response and --like out"):
             merge(files, response="srgb")
 
     def test_sound_brackets_warn_of_nothing(self, tmp_path):

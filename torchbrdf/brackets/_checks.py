@@ -110,10 +110,9 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
         and not (abs(amount) > _BRIGHTNESS and alone)
     ):
         cure = "" if chosen.curve.known is None else "; leave --response and --like out to have it estimated"
-        apart = max(found.misfit, found.bias)
         _warn(
-            f"{frames[0].path} and others: exposures are {apart:.0%} apart under this response: the scene moved, or "
-            f"the response is another{cure}"
+            f"{frames[0].path} and others: under this response {found}: the scene moved, or the response is "
+            f"another{cure}"
         )
 
 

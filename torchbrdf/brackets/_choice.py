@@ -81,14 +81,14 @@ def choose(
     fitted = _estimated(samples, exposures)
     if fitted.found.misfit > _CONTRADICT:
         raise ValueError(
-            f"{frames[0].path}: no response explains these exposures ({fitted.found.misfit:.0%} apart): the times are "
-            "wrong, or scene, light or white balance changed between them"
+            f"{frames[0].path}: no response explains these exposures: {fitted.found}; the times are wrong "
+            "(--times, in the order of the files), or scene, light or white balance changed: leave such files out"
         )
     if response == "estimate":
         return fitted
     if best.found.no_worse(fitted.found, _AGREE, _BIAS):
         return best
-    why = f"under {best.curve.name} exposures are {np.expm1(max(best.found.misfit, best.found.bias)):.0%} apart"
+    why = f"under {best.curve.name} {best.found}"
     return Chosen(fitted.curve, fitted.exposures, fitted.stops, fitted.found, f"{fitted.about}: {why}")
 
 

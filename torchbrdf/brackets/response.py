@@ -79,6 +79,11 @@ class Consistency:
     bias: float
     offsets: np.ndarray
 
+    def __str__(self) -> str:
+        """What the larger of the two means, as the end of a sentence."""
+        apart = max(self.misfit, self.bias) if np.isfinite(self.bias) else self.misfit
+        return f"the radiance of the same patches differs by {np.expm1(apart):.0%} from one exposure to another"
+
     @property
     def by_frame(self) -> np.ndarray:
         """(F,) mean offset over channels."""
