@@ -1,8 +1,12 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
 
 import torchbrdf
 
@@ -24,6 +28,7 @@ exclude_patterns += [f"tutorials/{path.stem}.md" for path in (Path(__file__).par
 highlight_language = "none"
 
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]
 html_title = f"torchbrdf {version}"
@@ -86,6 +91,20 @@ def _plain_docstring(app: object, what: str, name: str, obj: object, options: ob
     lines[:] = [line for paragraph in paragraphs for line in _paragraph(paragraph)]
 
 
+def _inline_math(self: HTML5Translator, node: nodes.math) -> NoReturn:
+    """A formula in the browser's own language: the pages show it without the network."""
+    self.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _displayed_math(self: HTML5Translator, node: nodes.math_block) -> NoReturn:
+    """As above; what MathML has no word for, the number of an equation, stands behind it."""
+    formula = tex2mathml(re.sub(r"\\tag\{([^}]+)\}", r"\\qquad \\text{(\1)}", node.astext()), as_block=True)
+    self.body.append(f'<div class="math">{formula}</div>')
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.add_html_math_renderer("mathml", (_inline_math, None), (_displayed_math, None))
     app.connect("autodoc-process-docstring", _plain_docstring)
