@@ -101,7 +101,7 @@ ADVICE: dict[Topic, Advice] = {
         "observe --suggest` rehearses which one helps most. Give both to `torchbrdf fit --same-material`, each with "
         "its `--probe`. More pixels help where a mask leaves few.",
         "uncertainty.md#before-any-photograph",
-        "What the photograph leaves open: before any photograph",
+        "Uncertainty: before any photograph",
     ),
     "normals": Advice(
         "Too few normals",
@@ -141,7 +141,7 @@ ADVICE: dict[Topic, Advice] = {
         "both to `torchbrdf fit --same-material`. Or put a lamp behind the ball, outside the picture. Leave the rim "
         "in the mask.",
         "uncertainty.md#before-any-photograph",
-        "What the photograph leaves open: before any photograph",
+        "Uncertainty: before any photograph",
     ),
     "shadow": Advice(
         "Much lies in shadow",
@@ -165,7 +165,7 @@ ADVICE: dict[Topic, Advice] = {
         "Compare the candidates of the classes in the report. Where they look alike, it does not matter. Where "
         "their highlights differ, a light with sharper edges or a second photograph decides.",
         "uncertainty.md#classes",
-        "What the photograph leaves open: classes",
+        "Uncertainty: classes",
     ),
     "oscillation": Advice(
         "Weights cancel each other",
