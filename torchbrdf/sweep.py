@@ -31,6 +31,7 @@ from tqdm import tqdm
 from torchbrdf._version import __version__
 from torchbrdf.files import remove_unfinished, writing
 from torchbrdf.interruption import uninterrupted
+from torchbrdf.threads import one_thread
 
 _CONNECT_SECONDS = 10
 
@@ -83,12 +84,8 @@ class Call:
         if self.folder not in sys.path:
             sys.path.append(self.folder)
         function = getattr(importlib.import_module(self.module), self.function)
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
+        with one_thread():
             return function(**task.arguments, **task.places)
-        finally:
-            torch.set_num_threads(threads)
 
 
 def versions() -> tuple[str, str]:

@@ -34,6 +34,7 @@ from torchbrdf.brdf import GRID, METRICS, MaterialLibrary, MerlTable
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
 from torchbrdf.progress import progress_bar
+from torchbrdf.threads import one_thread
 from torchbrdf.view import SphereView
 
 LARGEST_ANGLE_DEG = 80.0
@@ -178,15 +179,11 @@ def serial_operations() -> Iterator[int]:
     """
     from threadpoolctl import threadpool_limits
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpool_limits(1, user_api="blas"), warnings.catch_warnings(), torch.inference_mode(False):
-            # torch.func, which rough-plastic needs, makes torch script functions of its own, of which torch then warns.
-            warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", FutureWarning)
+    with one_thread() as threads, threadpool_limits(1, user_api="blas"), warnings.catch_warnings():
+        # torch.func, which rough-plastic needs, makes torch script functions of its own, of which torch then warns.
+        warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", FutureWarning)
+        with torch.inference_mode(False):
             yield threads
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _own_uncertainty(material: Reconstruction, library: MaterialLibrary) -> Uncertainty:

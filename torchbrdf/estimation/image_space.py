@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import lower_gram
+from torchbrdf.estimation.eigenpairs import eigh
 from torchbrdf.lasting import lasting
 
 DARKEST = 0.3
@@ -71,8 +72,8 @@ class ImageSpace:
         """Factor basis images (n, 3, P) divided by any scale (3, P), and errors (P, k)."""
         weighted, n = _weighted(packed, scale, errors), len(packed)
         singular, v = _principal(lower_gram(weighted))
-        u = _orthonormal(weighted.mT @ (v * _inverse(singular)[:, None]))
-        r = (weighted @ u).mT
+        u = _orthonormal((v * _inverse(singular)[:, None]).mT @ weighted).mT
+        r = singular[..., None] * v.mT
         return cls(scale, u, r[..., :n], errors=None if errors is None else r[..., n:])
 
     @cached_property
@@ -117,7 +118,7 @@ class ImageSpace:
             gram = eye - lost.mT @ lost
         else:
             gram = kept.mT @ kept
-        squared, v = torch.linalg.eigh(gram)
+        squared, v = eigh(gram)
         squared, v = squared.flip(-1), v.flip(-1)
         sound = squared > _ROUNDING ** (2 / 3) * squared[:, :1].clamp_min(torch.finfo(squared.dtype).tiny)
         rank = int(sound.sum(-1).max().clamp_min(1))
@@ -198,7 +199,7 @@ class UnformedSpace(ImageSpace):
     @cached_property
     def u(self) -> Tensor:
         """Orthonormal columns (3, P, r)."""
-        return _orthonormal(self.columns.mT @ self.inward)
+        return _orthonormal(self.inward.mT @ self.columns).mT
 
     def first(self, count: int) -> "UnformedSpace":
         """The directions in which basis images are largest only."""
@@ -216,10 +217,12 @@ class UnformedSpace(ImageSpace):
 
 def _principal(gram: Tensor) -> tuple[Tensor, Tensor]:
     """Singular values (3, r) above CUT and their vectors (3, n, r), of the lower triangles of Y^T Y (3, n, n)."""
-    squared, v = torch.linalg.eigh(gram)
+    squared, v = eigh(gram)
     squared, v = squared.flip(-1), v.flip(-1)
     rank = int((squared > CUT**2 * squared[:, :1]).sum(-1).max().clamp_min(1))
-    squared, v = squared[:, :rank], v[..., :rank]
+    energy = gram.diagonal(dim1=-2, dim2=-1)
+    black = energy <= _ROUNDING**2 * energy.amax(-1, keepdim=True)
+    squared, v = squared[:, :rank], torch.where(black[..., None], 0, v[..., :rank])
     return torch.where(squared > _ROUNDING * squared[:, :1], squared, 0).clamp_min(0).sqrt(), v
 
 
@@ -234,14 +237,14 @@ def _weighted(packed: Tensor, scale: Tensor, errors: Tensor | None) -> Tensor:
     return weighted
 
 
-def _orthonormal(u: Tensor) -> Tensor:
-    """U (U^T U)^(-1/2) of columns (..., P, r) that are nearly orthonormal, or 0.
+def _orthonormal(rows: Tensor) -> Tensor:
+    """(U U^T)^(-1/2) U of rows (..., r, P) that are nearly orthonormal, or 0.
 
-    The Gram matrix squares a condition number of 1 / CUT: columns that come from it are orthonormal to 1e-7 only, and
+    The Gram matrix squares a condition number of 1 / CUT: rows that come from it are orthonormal to 1e-7 only, and
     that error depends on the order of sums.
     """
-    excess = u.mT @ u - torch.diag_embed((u != 0).any(-2).to(u))
-    return u - u @ excess / 2
+    excess = rows @ rows.mT - torch.diag_embed((rows != 0).any(-1).to(rows))
+    return torch.baddbmm(rows, excess, rows, alpha=-0.5)
 
 
 def _inverse(x: Tensor) -> Tensor:

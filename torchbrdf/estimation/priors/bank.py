@@ -15,6 +15,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from torchbrdf.brdf import lower_gram
+from torchbrdf.estimation.eigenpairs import eigh
 from torchbrdf.estimation.image_space import ImageSpace
 from torchbrdf.lasting import lasting
 
@@ -75,7 +77,7 @@ class PriorBank:
         n = variances.shape[1]
         means = variances.sqrt()
         means = means / means.sum(1, keepdim=True)
-        values, vectors = torch.linalg.eigh((space.white * variances[:, None, None]) @ space.white.mT)
+        values, vectors = eigh(lower_gram(space.white * variances.sqrt()[:, None, None]))
         values = values.clamp_min(0)
         trace = values.sum(-1, keepdim=True) / n
         penalties = PENALTIES.to(values.device) * torch.where(trace > 0, trace, 1)
