@@ -97,7 +97,22 @@ def test_a_crop_to_the_ball_is_its_inscribed_circle(image):
 @pytest.mark.parametrize("around", [0.0, 1.5])
 def test_a_crop_with_empty_corners_is_one(around):
     image, seen = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)), Circle(32, 32, 32).holds(64, 64)
-    assert locate(torch.where(seen, image, around))[1] == "as large as the photograph"
+    told = locate(torch.where(seen, image, around))[1]
+    assert told == "as large as the photograph, which is cut to it"
+
+
+@pytest.mark.parametrize("around", [0.0, torch.nan])
+def test_what_is_cut_out_is_the_ball_and_a_ball_in_it_is_a_reflection(around):
+    reflected, whole = Circle(90.0, 70.0, 40.0), Circle(90, 90, 90)
+    image = photographed((180, 180), [reflected])
+    assert off(locate(image)[0], reflected) < 0.15
+    assert locate(torch.where(whole.holds(180, 180), image, around))[0] == whole
+
+
+def test_a_smaller_ball_on_one_value_is_none_that_is_cut_out():
+    ball = Circle(90.0, 90.0, 80.0)
+    image = torch.where(ball.holds(180, 180), photographed((180, 180), [ball]), 0.0)
+    assert off(locate(image)[0], ball) < 0.15
 
 
 def test_a_square_photograph_that_shows_no_ball_is_said_to_be_none_for_certain():

@@ -7,13 +7,16 @@ import torch
 from torch import Tensor
 
 from torchbrdf.photograph._pyramid import Pyramid
-from torchbrdf.photograph.silhouette import Circle
+from torchbrdf.photograph.silhouette import SNAP, Circle
 
 _BESIDE = 1.02
 """Radii from which on a pixel lies beyond the rim."""
 
 _DARK = 0.02
 """Of the median radiance inside: what lies beyond and is darker is cut away."""
+
+_RIM = 1.5
+"""Pixels of the width of the rim of a ball that is cut out."""
 
 _REACH, _STEP, _NEAR, _ANGLES = 0.15, 0.01, 0.02, 31
 """Radii on either side in which steps are compared, their length, and how near the rim is one of it."""
@@ -31,23 +34,39 @@ def fills(image: Tensor, usable: Tensor | None, circle: Circle) -> bool:
     image   (3, H, W)
     usable  (1, H, W) bool; None uses all
     """
-    inside, beyond = _parts(image, usable, circle)
+    distance, known = _square(image, usable, circle)
+    inside, beyond = image[:, known & (distance < circle.radius)], image[:, known & _beyond(distance, circle)]
     if not inside.shape[1]:
         return False
     cut = _DARK * float(inside.median())
-    return bool((beyond <= cut).all() or (beyond == beyond[:, :1]).all()) or _steepest_at_rim(image, usable, circle)
+    return bool((beyond <= cut).all() or _uniform(beyond)) or _steepest_at_rim(image, usable, circle)
 
 
-def _parts(image: Tensor, usable: Tensor | None, circle: Circle) -> tuple[Tensor, Tensor]:
-    """(3, P) and (3, Q): what is known inside and between the circle and the corners of its square."""
+def cut_out(image: Tensor, usable: Tensor | None, circle: Circle) -> bool:
+    """Whether a crop was cut along an inscribed circle: one value or none beyond it, and only others at the rim."""
+    distance, known = _square(image, usable, circle)
+    beyond = image[:, known & _beyond(distance, circle)]
+    rim = (distance < circle.radius - SNAP) & (distance > circle.radius - SNAP - _RIM)
+    if not _uniform(beyond) or not rim.any():
+        return False
+    return bool(known[rim].all() and (beyond.shape[1] == 0 or (image[:, rim] != beyond[:, :1]).any(0).all()))
+
+
+def _square(image: Tensor, usable: Tensor | None, circle: Circle) -> tuple[Tensor, Tensor]:
+    """(H, W): the distance from a circle's middle, and whether it is known what its square shows there."""
     height, width = image.shape[-2:]
     x, y = torch.arange(width) + 0.5 - circle.x, torch.arange(height)[:, None] + 0.5 - circle.y
-    square = (x.abs() <= circle.radius) & (y.abs() <= circle.radius) & torch.isfinite(image).all(0)
-    if usable is not None:
-        square &= usable[0]
-    distance = torch.hypot(x, y)
-    beside = max(_BESIDE * circle.radius, circle.radius + 1)
-    return image[:, square & (distance < circle.radius)], image[:, square & (distance > beside)]
+    known = (x.abs() <= circle.radius) & (y.abs() <= circle.radius) & torch.isfinite(image).all(0)
+    return torch.hypot(x, y), known if usable is None else known & usable[0]
+
+
+def _beyond(distance: Tensor, circle: Circle) -> Tensor:
+    return distance > max(_BESIDE * circle.radius, circle.radius + 1)
+
+
+def _uniform(pixels: Tensor) -> bool:
+    """Whether pixels (3, Q) are all the same, be it that there are none."""
+    return bool((pixels == pixels[:, :1]).all())
 
 
 def _steepest_at_rim(image: Tensor, usable: Tensor | None, circle: Circle) -> bool:
