@@ -18,11 +18,18 @@ def half_difference(w_i: Tensor, w_o: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     Arcs of small angles come from atan2 of a sine and a cosine: acos(n.h) in float32 is one MERL cell
     wrong near theta_h = 0. Source: [Rus98, sec. 3], [MPBM03].
     """
-    h = torch.nn.functional.normalize(w_i + w_o, dim=-1, eps=1e-20)
-    sin_h = torch.linalg.vector_norm(h[..., :2], dim=-1)
+    both = w_i + w_o
+    length = _length(both)
+    h = both / length.clamp_min(1e-20)[..., None]
+    sin_h = torch.hypot(h[..., 0], h[..., 1])
     theta_h = torch.atan2(sin_h, h[..., 2])
-    theta_d = torch.atan2(torch.linalg.vector_norm(w_i - w_o, dim=-1), torch.linalg.vector_norm(w_i + w_o, dim=-1))
+    theta_d = torch.atan2(_length(w_i - w_o), length)
     return theta_h, theta_d, difference_azimuth(w_i, w_o, h, sin_h)
+
+
+def _length(v: Tensor) -> Tensor:
+    """(...) of vectors (..., 3): where x, y and z lie apart in memory, `vector_norm` takes sixty times as long."""
+    return torch.hypot(torch.hypot(v[..., 0], v[..., 1]), v[..., 2])
 
 
 def difference_azimuth(w_i: Tensor, w_o: Tensor, h: Tensor, sin_h: Tensor) -> Tensor:
