@@ -164,18 +164,18 @@ class TestAnisotropic:
             read_table(written(azimuths=9))
 
     def test_mean_of_equal_azimuths_is_the_material(self, written):
-        held = fields(9)
-        alike = {name: np.repeat(held[name][:1], 9, 0) for name in ("rgb", "luminance")}
+        held = fields(4)
+        alike = {name: np.repeat(held[name][:1], 4, 0) for name in ("rgb", "luminance")}
         vndf = np.ones_like(held["vndf"])
-        found = read_table(written(azimuths=9, vndf=vndf, rgb=np.full_like(alike["rgb"], 0.5)), isotropic=True)
+        found = read_table(written(azimuths=4, vndf=vndf, rgb=np.full_like(alike["rgb"], 0.5)), isotropic=True)
         one = read_table(written(vndf=vndf[:1], rgb=np.full_like(fields()["rgb"], 0.5)))
         torch.testing.assert_close(found.values, one.values, rtol=1e-4, atol=1e-4)
 
     def test_spread_is_said(self, written):
-        colours = fields(9)["rgb"]
-        colours[:4] *= 3
+        colours = fields(4)["rgb"]
+        colours[:2] *= 3
         with pytest.warns(UserWarning, match="its mean over all azimuths differs from it by"):
-            read_table(written(azimuths=9, rgb=colours), isotropic=True)
+            read_table(written(azimuths=4, rgb=colours), isotropic=True)
 
 
 def header(*parts: bytes) -> bytes:

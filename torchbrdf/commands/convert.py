@@ -17,7 +17,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """What is converted, to what."""
     add_table(parser)
     text = f"X{TABLE_SUFFIX}, a MERL table, or X{RGL_SUFFIX}, for Mitsuba's `measured` and pbrt-v4"
-    parser.add_argument("output", type=Path, metavar="OUTPUT", help=text)
+    parser.add_argument("written", type=Path, nargs="?", metavar="OUTPUT", help=text)
+    parser.add_argument("-o", "--output", type=Path, metavar="OUTPUT", help="the same, as other commands have it")
     text = f"write spectra to the {RGL_SUFFIX}, as pbrt-v4 and Mitsuba's spectral variants need; default: RGB"
     parser.add_argument("--spectral", action="store_true", help=text)
     text = f"take the mean over all azimuths of an anisotropic {RGL_SUFFIX}"
@@ -30,7 +31,9 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._inputs import open_table
     from torchbrdf.files import writing
 
-    output = options.output
+    if (options.written is None) == (options.output is None):
+        raise ValueError("give one file to write, behind the table or with -o")
+    output: Path = options.written or options.output
     if output.suffix.lower() not in (TABLE_SUFFIX, RGL_SUFFIX):
         raise ValueError(f"{output}: tables are written as {TABLE_SUFFIX} or {RGL_SUFFIX}; name the output so")
     if options.spectral and output.suffix.lower() != RGL_SUFFIX:
