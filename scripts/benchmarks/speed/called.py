@@ -47,6 +47,16 @@ def opened(inputs: Path, name: str) -> tb.LightProbe:
     return tb.LightProbe.open(inputs / f"{name}.exr")
 
 
+def shown(weights: Tensor, library: tb.MaterialLibrary, inputs: Path) -> Tensor:
+    """(B, 3, H, W) of weights (B, n, 3) under the light turned by half, by samples, which no row is about.
+
+    Each version shows its own: its library need not be the other's.
+    """
+    novel = opened(inputs, "default").rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))
+    basis = tb.render_basis(library, novel, tb.SphereView(SIZE), backend="sampled")
+    return basis.unpack(torch.einsum("nsp,bns->bsp", basis.packed, weights.float()).clamp_min(0))
+
+
 def solving(inputs: Path, output: Path, repeats: int) -> Seconds:
     """Factors made, and what goes on from there."""
     library, view, probe = tb.MaterialLibrary.default(progress=False), tb.SphereView(SIZE), opened(inputs, "default")
@@ -61,7 +71,8 @@ def solving(inputs: Path, output: Path, repeats: int) -> Seconds:
     seconds["brdf"], _ = timed(lambda _: result.brdf(library), repeats)
     weights = torch.linspace(-0.1, 1, 3 * library.n).reshape(library.n, 3).roll(7, 0) ** 9
     library.combine(weights).save(output / "combined.binary")
-    torch.save(together.weights, output / "weights.pt")
+    torch.save(weights, output / "combined.pt")
+    torch.save(shown(together.weights, library, inputs), output / "batch.pt")
     return seconds
 
 
@@ -100,7 +111,7 @@ def lighting(inputs: Path, output: Path, repeats: int) -> Seconds:
     seconds["reconstruction"], first = timed(
         lambda k: tb.BRDFEstimator(basis(probe, k), classes)(photograph).weights, repeats
     )
-    torch.save(first, output / "reconstruction.pt")
+    torch.save(shown(first[None], library, inputs), output / "reconstruction.pt")
     return seconds
 
 

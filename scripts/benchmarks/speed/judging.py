@@ -21,6 +21,9 @@ from torchbrdf.light import rotation_vector
 _SAMPLES = 4096
 """Of the pictures by which tables are judged."""
 
+_EVERY = 101
+"""Cells of a table from one that is judged to the next."""
+
 
 @dataclass(frozen=True)
 class Error:
@@ -50,16 +53,10 @@ class Judge:
         """Of the first photographs' tables, under the novel light; mean."""
         probe, view, _ = self._novel
         shown = [tb.render(tb.MerlTable.open(folder / "brdf.binary"), probe, view, _SAMPLES) for folder in results]
-        return self._shown(shown)
+        return self.shown(shown)
 
-    def weights(self, weights: Tensor, library: tb.MaterialLibrary) -> Error:
-        """Of the first photographs' weights, (B, n, 3) or (n, 3), under the novel light; mean."""
-        probe, view, _ = self._novel
-        basis = self.references.basis(library, probe, view).images
-        weights = weights if weights.dim() == 3 else weights[None]
-        return self._shown(view.unpack(torch.einsum("nsp,bns->bsp", basis, weights.float()).clamp_min(0)))
-
-    def _shown(self, images: Sequence[Tensor] | Tensor) -> Error:
+    def shown(self, images: Sequence[Tensor] | Tensor) -> Error:
+        """Of pictures of the first photographs' materials (B, 3, H, W), under the novel light; mean."""
         _, view, truth = self._novel
         mean = statistics.mean(relative_rms(image, truth[i], view.mask) for i, image in enumerate(images))
         return Error(mean, f"{mean:.2%}")
@@ -70,6 +67,14 @@ class Judge:
         errors = reference.errors(packed)
         found, own = (summary(some).replace(" | ", ", ") for some in (errors, reference.own))
         return Error(float(errors.quantile(0.95)), found), own
+
+    def combined(self, path: Path, weights: Tensor, library: tb.MaterialLibrary) -> str:
+        """Of a table of weights (n, 3): the relative RMS difference to their sum in float64, in some of the cells."""
+        table = tb.MerlTable.open(path)
+        cells = torch.nonzero(table.valid.ravel()).ravel()[::_EVERY]
+        exact = (library.rows(cells).double() @ weights.double()).clamp_min(0)
+        found = table.values.reshape(-1, 3)[cells].double().clamp_min(0)
+        return f"{float((found - exact).norm() / exact.norm()):.1e}"
 
     def picture(self, image: Tensor, table: str, light: str) -> Error:
         """Of a rendering, and of its reference."""
