@@ -105,12 +105,13 @@ def lighting_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     for name in PROBES:
         if f"basis {name}" in found[True].seconds:
             row = beside(f"basis {name}", f"new probe to basis images, {name}", found, BASIS_LIMIT[0])
-            now, own = judge.basis(found[True].tensor(f"basis-{name}"), name, library)
+            found_here, own = judge.basis(found[True].tensor(f"basis-{name}"), name, library)
             remark = f"median, 95 %, worst of {library.n}; the reference's own: {own}"
-            limit = BEFORE.get(name, BASIS_LIMIT[1])
-            yield replace(row, accurate=accurate(now, limit), error_now=now.words, remark=remark)
+            reached = accurate(found_here, BEFORE.get(name, BASIS_LIMIT[1]))
+            yield replace(row, accurate=reached, error_now=found_here.words, remark=remark)
     row = beside("reconstruction", NAMES["reconstruction"], found, LIMITS["reconstruction"])
-    yield judged(row, *(judge.shown(found[mine].tensor("reconstruction")) for mine in (True, False)))
+    now, before = (judge.shown(found[mine].tensor("reconstruction")) for mine in (True, False))
+    yield judged(row, now, before)
 
 
 def rendering_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:

@@ -108,10 +108,10 @@ def lighting(inputs: Path, output: Path, repeats: int) -> Seconds:
             seconds[f"basis {name}"], first = timed(partial(basis, probe), repeats)
             torch.save(first.packed, output / f"basis-{name}.pt")
     probe = opened(inputs, "default")
-    seconds["reconstruction"], first = timed(
+    seconds["reconstruction"], weights = timed(
         lambda k: tb.BRDFEstimator(basis(probe, k), classes)(photograph).weights, repeats
     )
-    torch.save(shown(first[None], library, inputs), output / "reconstruction.pt")
+    torch.save(shown(weights[None], library, inputs), output / "reconstruction.pt")
     return seconds
 
 
