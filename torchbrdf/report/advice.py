@@ -48,12 +48,14 @@ ADVICE: dict[Topic, Advice] = {
             "fit again with `--align`",
             "mask reflections of things near by",
             "try `--robust`",
+            "check that the probe is of the photograph's room",
         ),
         "No material that the library can make looks like the photograph under this light. As a rule the light is "
         "not the one that the ball saw: a probe turned by two degrees makes the error five times as large. Clipped "
         "highlights come next. Where the library lacks the kind of material, such as one that is anisotropic, "
         "textured or translucent, it cannot be explained at all.",
-        "Look at the difference of fit and photograph. Red and blue side by side along highlights and the horizon: "
+        "Where more than half is unexplained, the probe is likely that of another room, or mirrored. Else look at the "
+        "difference of fit and photograph. Red and blue side by side along highlights and the horizon: "
         "the probe is turned, `--align` finds by how much. Red in the middle of highlights: they are clipped; mask "
         "them, or merge a shorter exposure. A ring along the rim: the silhouette is another; give `--circle`, or "
         "`--fov` of the camera. Spots: mask them, or let `--robust` find them.",
