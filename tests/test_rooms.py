@@ -41,7 +41,7 @@ def handed_on(face: Path) -> dict[str, str]:
 
 
 def test_the_package_itself_holds_few_modules():
-    assert len([path for path in PACKAGE.glob("*.py") if not path.stem.startswith("__")]) <= 9
+    assert len(list(PACKAGE.glob("*.py"))) <= 10
 
 
 @pytest.mark.parametrize("room", ROOMS, ids=dotted)

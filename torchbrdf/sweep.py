@@ -3,7 +3,7 @@
 A task calls a pure function of an importable module with arguments that JSON holds, and gets a result that JSON holds.
 Every task computes with one torch thread, wherever it runs: sums are then done in one order, so a sweep gives the same
 bits in this process, in several and on a cluster of like machines, and several processes use the cores better than
-several threads.
+several threads. `side_by_side` does the same with the parts of one computation, in threads of one process.
 """
 
 import hashlib
@@ -16,14 +16,14 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed as completed_here
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed as completed_here
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import torch
 from tqdm import tqdm
@@ -31,11 +31,31 @@ from tqdm import tqdm
 from torchbrdf._version import __version__
 from torchbrdf.files import remove_unfinished, writing
 from torchbrdf.interruption import uninterrupted
-from torchbrdf.threads import one_thread
 
 _CONNECT_SECONDS = 10
 
 Finished = Generator[tuple["Task", Any], None, None]
+Part = TypeVar("Part")
+Made = TypeVar("Made")
+
+
+@contextmanager
+def one_thread() -> Iterator[int]:
+    """One thread for each operation of torch, here and in threads that begin inside. Gives the number there was."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield threads
+    finally:
+        torch.set_num_threads(threads)
+
+
+def side_by_side(function: Callable[[Part], Made], parts: Sequence[Part]) -> list[Made]:
+    """function(part) of every part in order, as many at once as torch has threads. Nothing of it is differentiated."""
+    if min(torch.get_num_threads(), len(parts)) < 2:
+        return [function(part) for part in parts]
+    with one_thread() as threads, ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(torch.no_grad()(function), parts))
 
 
 @dataclass(frozen=True)
