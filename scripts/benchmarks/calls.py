@@ -105,10 +105,10 @@ def lighting_rows(judge: Judge, found: Mapping[bool, Found]) -> Iterator[Row]:
     for name in PROBES:
         if f"basis {name}" in found[True].seconds:
             row = beside(f"basis {name}", f"new probe to basis images, {name}", found, BASIS_LIMIT[0])
-            found_here, own = judge.basis(found[True].tensor(f"basis-{name}"), name, library)
+            error, own = judge.basis(found[True].tensor(f"basis-{name}"), name, library)
             remark = f"median, 95 %, worst of {library.n}; the reference's own: {own}"
-            reached = accurate(found_here, BEFORE.get(name, BASIS_LIMIT[1]))
-            yield replace(row, accurate=reached, error_now=found_here.words, remark=remark)
+            reached = accurate(error, BEFORE.get(name, BASIS_LIMIT[1]))
+            yield replace(row, accurate=reached, error_now=error.words, remark=remark)
     row = beside("reconstruction", NAMES["reconstruction"], found, LIMITS["reconstruction"])
     now, before = (judge.shown(found[mine].tensor("reconstruction")) for mine in (True, False))
     yield judged(row, now, before)

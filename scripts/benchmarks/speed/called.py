@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
-from speed.settings import PROBES, RENDERED_UNDER, SIZE, TABLES
+from speed.settings import HALF_AROUND, PROBES, RENDERED_UNDER, SIZE, TABLES
 
 OFTEN = 10
 """Times as many repeats of what takes milliseconds."""
@@ -52,7 +52,7 @@ def shown(weights: Tensor, library: tb.MaterialLibrary, inputs: Path) -> Tensor:
 
     Each version shows its own: its library need not be the other's.
     """
-    novel = opened(inputs, "default").rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))
+    novel = opened(inputs, "default").rotated(torch.diag(torch.tensor(HALF_AROUND)))
     basis = tb.render_basis(library, novel, tb.SphereView(SIZE), backend="sampled")
     return basis.unpack(torch.einsum("nsp,bns->bsp", basis.packed, weights.float()).clamp_min(0))
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
-from speed.settings import PROBES, SIZE, TABLES
+from speed.settings import HALF_AROUND, PROBES, SIZE, TABLES
 from torchbrdf.experiments import SHARED, open_probes, tilt
 from torchbrdf.files import replacing_folder
 from torchbrdf.transport import render_columns
@@ -17,7 +17,7 @@ PHOTOGRAPHS, NOISE = 100, 0.01
 TURNS = {"near": tilt(4.0), "full": tilt(4.0) @ torch.diag(torch.tensor([-1.0, 1.0, -1.0], dtype=torch.float64))}
 """By what the light of a photograph for `align` is turned."""
 
-_OTHER_LIGHT = torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
+_OTHER_LIGHT = torch.diag(torch.tensor(HALF_AROUND))
 _SAMPLES, _TOGETHER = 4096, 20
 _LAMPS = ((20, 30, 1.2), (60, 80, 0.8), (80, 200, 1.5), (50, 300, 1.0))
 """Of the probe "lamps": degrees from the zenith, azimuth, radius."""

@@ -10,3 +10,6 @@ PROBES = ("default", "smooth", "lamps", "grace")
 """The built-in light; a sky without its sun; small lamps in a dim room; Grace cathedral, where its file is there."""
 
 RENDERED_UNDER = ("smooth", "lamps")
+
+HALF_AROUND = (-1.0, 1.0, -1.0)
+"""Diagonal of the rotation to the light under which errors are judged."""
