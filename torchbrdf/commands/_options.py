@@ -198,6 +198,13 @@ def add_seen(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--encoding", choices=get_args(Encoding), help=text)
 
 
+def add_photographed(parser: argparse.ArgumentParser) -> None:
+    """A photograph's shape, its camera, and what of it is used."""
+    add_shape(parser)
+    add_camera(parser)
+    add_seen(parser.add_argument_group("the photograph"))
+
+
 def add_estimation(parser: argparse.ArgumentParser) -> None:
     """What is used of a photograph, and how it is explained."""
     add_seen(parser)

@@ -6,13 +6,9 @@ from pathlib import Path
 
 from torchbrdf.analytic import AnalyticFit, CellTransport, fit_analytic_to_image
 from torchbrdf.commands._inputs import about
+from torchbrdf.commands._options import add_photographed
 from torchbrdf.commands._sight import Sight, read_observation
 from torchbrdf.light import LightProbe
-
-_OF_A_PHOTOGRAPH = (
-    "mask", "invert_mask", "circle", "ball", "layer", "allow_ldr", "encoding", "fov", "focal_mm", "sensor_mm",
-    "principal", "distortion", "toward", "up", "target", "width", "no_shadows",
-)  # fmt: skip
 
 
 def check_pair(options: argparse.Namespace) -> None:
@@ -23,9 +19,11 @@ def check_pair(options: argparse.Namespace) -> None:
         return
     if options.probe is not None and options.preview is None:
         raise ValueError("--probe is the light of --photograph or of --preview: give one of them, too, or leave it out")
-    given = [name for name in _OF_A_PHOTOGRAPH if getattr(options, name) not in (None, False)]
-    if given or options.view != "sphere":
-        raise ValueError(f"--{(given or ['view'])[0].replace('_', '-')} is of a photograph: give --photograph, too")
+    nothing_said = argparse.ArgumentParser()
+    add_photographed(nothing_said)
+    for name, default in vars(nothing_said.parse_args([])).items():
+        if getattr(options, name) != default:
+            raise ValueError(f"--{name.replace('_', '-')} is of a photograph: give --photograph, too")
 
 
 @dataclass(frozen=True, eq=False)

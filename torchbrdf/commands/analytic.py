@@ -17,7 +17,7 @@ from torchbrdf.analytic import (
 from torchbrdf.analytic.export import SUFFIXES
 from torchbrdf.brdf import METRIC_NAMES
 from torchbrdf.commands._findings import Findings
-from torchbrdf.commands._options import add_camera, add_light, add_seen, add_shape, add_size, add_table, whole_number
+from torchbrdf.commands._options import add_light, add_photographed, add_size, add_table, whole_number
 from torchbrdf.files import writing
 
 EXAMPLES = (
@@ -46,9 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_light(parser, required=False)
     text = "the photograph that the table comes from, with its --probe: parameters go on from the table's on it"
     parser.add_argument("--photograph", type=Path, metavar="PHOTO", help=text)
-    add_shape(parser)
-    add_camera(parser)
-    add_seen(parser.add_argument_group("the photograph"))
+    add_photographed(parser)
 
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
