@@ -111,8 +111,7 @@ class Gallery:
 
     def _photograph(self, material: str) -> Tensor:
         image = self.photographs[material]
-        noisy = noisy_observations(image.flatten(1).double(), [self.noise], f"{self.seed} {material}")
-        return noisy[0].view(image.shape).float()
+        return noisy_observations(image, [self.noise], f"{self.seed} {material}")[0].float()
 
     def shown_pair(self, material: str, weights: Tensor) -> tuple[Tensor, Tensor]:
         """(3, 2 T, 2 T) radiance of a material, and of what was recovered with weights (n, 3)."""

@@ -116,8 +116,7 @@ def write_ideal(folder: Path, plan: Plan, material: Material, light: tb.LightPro
     path, quality = folder / "ideal_clean.exr", Quality(size, samples=1024, seed=plan.seed, max_samples=1 << 14)
     make_target(path, material, light, quality, asked_for(material, plan.name, light, quality))
     clean = Target.open(path).photograph
-    noise = noisy_observations(clean.flatten(1), [1.0], f"{plan.seed} {plan.name} ideal")[0]
-    write_image(folder / "ideal.exr", noise.view(clean.shape).float())
+    write_image(folder / "ideal.exr", noisy_observations(clean, [1.0], f"{plan.seed} {plan.name} ideal")[0].float())
 
 
 def is_there(folder: Path, plan: Plan) -> bool:

@@ -33,7 +33,7 @@ def photograph(path: Path, noise: float, seed: int) -> tuple[Tensor, Tensor]:
     target = Target.open(path)
     clean = target.photograph
     key = f"{seed} {target.material} {target.probe} {'rotation' in target.metadata}"
-    noisy = noisy_observations(clean.flatten(1), [noise], key)[0].view(clean.shape).float()
+    noisy = noisy_observations(clean, [noise], key)[0].float()
     rotation = json.loads(target.metadata["rotation"]) if "rotation" in target.metadata else torch.eye(3).tolist()
     return noisy, torch.tensor(rotation, dtype=torch.float64)
 

@@ -129,7 +129,7 @@ def run(options: argparse.Namespace) -> int:
             parts = ((rest, "base", 1024), (sun, "sun", 512))
             images = [rendered(Path(f"{stem}_{kind}.exr"), light, bsdf, n) for light, kind, n in parts]
             image = torch.stack(images).sum(0)
-            noisy = noisy_observations(image.flatten(1), [1.0], f"{name} {material}")[0].view(image.shape).float()
+            noisy = noisy_observations(image, [1.0], f"{name} {material}")[0].float()
             for clipped in options.clipped:
                 for turned in options.turned:
                     given = (rest + sun).clamp_max(float((rest + sun).max()) / clipped)

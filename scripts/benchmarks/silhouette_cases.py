@@ -50,7 +50,7 @@ def photograph(rendering: Tensor, probe: tb.LightProbe, noise: float, key: str) 
     row, column = ((n / 2 + inwards * place).floor().long() for place in (y, x))
     fine = torch.lerp(fine, rendering.clamp_min(0)[:, row, column], covered)
     clean = avg_pool2d(fine, FINER)
-    return noisy_observations(clean.flatten(1).double(), [noise], key)[0].view(clean.shape).float()
+    return noisy_observations(clean, [noise], key)[0].float()
 
 
 def silhouette_case(

@@ -71,7 +71,7 @@ class Scene:
 
 
 def noisy_observations(image: Tensor, levels: Sequence[float], key: str) -> Tensor:
-    """(s, 3, P): the image (3, P) times 1 + level/100 e, the same e for every level, drawn from the hash of `key`."""
+    """(s, 3, ...): an image (3, ...) times 1 + level/100 e, the same e for every level, from the hash of `key`."""
     seed = int.from_bytes(hashlib.sha256(key.encode()).digest()[:7], "little")
     e = torch.randn(image.shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
     return torch.stack([image * (1 + level / 100 * e) for level in levels])

@@ -113,8 +113,7 @@ class Studio:
 
     def noisy(self, image: Tensor, key: str, percent: float) -> Tensor:
         """An image (3, N, N), every pixel and channel with noise that depends on the key and the seed only."""
-        noise = noisy_observations(image.flatten(1).double(), [percent], f"{self.quality.seed} {key}")
-        return noise[0].view(image.shape).float()
+        return noisy_observations(image, [percent], f"{self.quality.seed} {key}")[0].float()
 
     def estimator(self, library: tb.MaterialLibrary, probe: tb.LightProbe, setting: Setting) -> tb.BRDFEstimator:
         """Of photographs under a probe as the user has it; the last few are kept."""
