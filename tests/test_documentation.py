@@ -16,6 +16,7 @@ _COMMAND = re.compile(r"python (scripts/\S+\.py)((?:\\\n|[^\n`])*)")
 SHARED_OPTIONS = {
     "sweep_options": "torchbrdf/experiments/sweep_inputs.py",
     "speed_options": "scripts/benchmarks/speed/checkouts.py",
+    "measured_options": "scripts/benchmarks/measured.py",
 }
 
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the documentation is not here")

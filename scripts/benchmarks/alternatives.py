@@ -23,8 +23,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -32,21 +31,12 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from measured import experiment_of, measured_options, publish
 from torchbrdf.analytic import CellTransport, model_of
 from torchbrdf.command_line import Parser, exit_status
-from torchbrdf.experiments import (
-    Experiment,
-    default_probes,
-    markdown_table,
-    open_probes,
-    percent,
-    read_targets,
-    replace_results,
-    write_rows,
-)
+from torchbrdf.experiments import Experiment, markdown_table, percent
 from torchbrdf.mitsuba_backend import MitsubaScene, load_mitsuba
 
-OBSERVED = ("forest", "uffizi", "grace")
 NOISE = 1
 """Per cent of each pixel."""
 
@@ -192,30 +182,20 @@ def summary(found: Sequence[Error]) -> str:
 
 
 def run(options: argparse.Namespace) -> None:
-    probes = open_probes(default_probes())
-    library = tb.MaterialLibrary.default()
-    experiment = Experiment.of(library, probes, read_targets(options.targets))
+    experiment = experiment_of(options)
     found = list(errors(experiment, options.observe))
-    table = summary(found)
-    print(table)
-    if options.csv:
-        write_rows(options.csv, [asdict(one) for one in found])
-    if options.document:
-        methods = {one.method for one in found}
-        about = (
-            f"{len(experiment.materials)} materials, {NOISE} % noise, photographs under {', '.join(options.observe)}, "
-            f"shown under the {len(experiment.probes) - 1} other lights: {len(found) // len(methods)} errors a method. "
-            f"torchbrdf {tb.__version__}, {torch.get_num_threads()} threads."
-        )
-        replace_results(options.document, f"{about}\n\n{table}")
+    methods = {one.method for one in found}
+    about = (
+        f"{len(experiment.materials)} materials, {NOISE} % noise, photographs under {', '.join(options.observe)}, "
+        f"shown under the {len(experiment.probes) - 1} other lights: {len(found) // len(methods)} errors a method. "
+        f"torchbrdf {tb.__version__}, {torch.get_num_threads()} threads."
+    )
+    publish(options, found, summary(found), f"{about}\n\n")
 
 
 def main() -> int:
     parser = Parser.of_script(__doc__)
-    parser.add_argument("--targets", type=Path, required=True, help="folder that scripts/make_targets.py made")
-    parser.add_argument("--observe", nargs="+", default=OBSERVED, help="probes of the photographs")
-    parser.add_argument("--csv", type=Path, help="every error")
-    parser.add_argument("--document", type=Path, help="page to write the table into")
+    measured_options(parser)
     return exit_status("alternatives", run, parser.parse_args(), "interrupted")
 
 

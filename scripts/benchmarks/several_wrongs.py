@@ -14,8 +14,7 @@ import argparse
 import statistics
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -23,21 +22,11 @@ from torch import Tensor
 from tqdm import tqdm
 
 import torchbrdf as tb
+from capture_sensitivity import clipped
+from measured import experiment_of, measured_options, publish
 from torchbrdf.command_line import Parser, exit_status
-from torchbrdf.experiments import (
-    Experiment,
-    default_probes,
-    markdown_table,
-    noisy_observations,
-    open_probes,
-    percent,
-    read_targets,
-    replace_results,
-    tilt,
-    write_rows,
-)
+from torchbrdf.experiments import Experiment, markdown_table, noisy_observations, percent, tilt
 
-OBSERVED = ("forest", "uffizi", "grace")
 SMALL = 24
 STAND = 0.3
 """Radiance of the stand, in means of the photograph."""
@@ -45,13 +34,7 @@ STAND = 0.3
 
 def noisy(image: Tensor, level: float, key: str) -> Tensor:
     """Each pixel and channel with noise of so many per cent of itself."""
-    return noisy_observations(image.flatten(1).double(), [level], key)[0].view(image.shape).float()
-
-
-def clipped(image: Tensor, view: tb.View) -> Tensor:
-    """The brightest 2 % of the pixels have lost what is above."""
-    peak = image.amax(0, keepdim=True)
-    return image.clamp_max(torch.quantile(peak[view.mask], 0.98))
+    return noisy_observations(image, [level], key)[0].float()
 
 
 def with_stand(image: Tensor, view: tb.View) -> Tensor:
@@ -83,7 +66,7 @@ class Wrong:
 WRONGS = {
     "nothing but 1 % noise": Wrong(lambda image, view, key: noisy(image, 1, key)),
     "probe 1 degree off, brightest 2 % clipped, 1 % noise": Wrong(
-        lambda image, view, key: clipped(noisy(image, 1, key), view), degrees=1
+        lambda image, view, key: clipped(masked=False)(noisy(image, 1, key), view.mask)[0], degrees=1
     ),
     "2 % noise, 10 % too bright, a stand in view": Wrong(
         lambda image, view, key: with_stand(noisy(1.1 * image, 2, key), view)
@@ -169,23 +152,13 @@ def summary(found: Sequence[Error]) -> str:
 
 
 def run(options: argparse.Namespace) -> None:
-    experiment = Experiment.of(
-        tb.MaterialLibrary.default(), open_probes(default_probes()), read_targets(options.targets)
-    )
-    found = list(errors(experiment, options.observe))
-    print(table := summary(found))
-    if options.csv:
-        write_rows(options.csv, [asdict(one) for one in found])
-    if options.document:
-        replace_results(options.document, table)
+    found = list(errors(experiment_of(options), options.observe))
+    publish(options, found, summary(found))
 
 
 def main() -> int:
     parser = Parser.of_script(__doc__)
-    parser.add_argument("--targets", type=Path, required=True, help="folder that scripts/make_targets.py made")
-    parser.add_argument("--observe", nargs="+", default=OBSERVED, help="probes of the photographs")
-    parser.add_argument("--csv", type=Path, help="every error")
-    parser.add_argument("--document", type=Path, help="page to write the table into")
+    measured_options(parser)
     return exit_status("several_wrongs", run, parser.parse_args(), "interrupted")
 
 
