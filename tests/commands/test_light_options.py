@@ -7,10 +7,13 @@ from pathlib import Path
 import pytest
 import torch
 
+from failures import assert_fit_fails, fails
+from photographs_of_balls import photographed
 from torchbrdf import LightProbe, write_image
 from torchbrdf.commands._inputs import open_probe
 from torchbrdf.commands._options import add_light
 from torchbrdf.commands.live import _other_light, add_options
+from torchbrdf.photograph import Circle
 
 CIRCLE = (30.0, 21.0, 14.0)
 
@@ -118,3 +121,31 @@ def test_the_light_of_a_page_is_read_alike_and_named_by_its_options(tmp_path):
         _other_light(parser.parse_args([*given, str(tmp_path / "square.exr")]))
     with pytest.raises(ValueError, match=r"^--light-rows is for a probe from a file, and --light is default$"):
         _other_light(parser.parse_args([*given, "default", "--light-rows", "poles"]))
+
+
+@pytest.fixture
+def swapped(tmp_path: Path) -> tuple[Path, Path]:
+    """A panorama and a photograph of a ball."""
+    paths = tmp_path / "panorama.exr", tmp_path / "ball.exr"
+    write_image(paths[0], LightProbe.default(64).radiance)
+    write_image(paths[1], photographed((48, 64), [Circle(30, 22, 15)]))
+    return paths
+
+
+def test_photograph_and_probe_swapped(capsys, swapped, tmp_path):
+    panorama, ball = swapped
+    line = assert_fit_fails(capsys, tmp_path, panorama, "--probe", ball)
+    assert line.split("error: ")[1] == (
+        f"{panorama}: is twice as wide as high, as a light probe is, and that of --probe, {ball}, is not (48 x 64): "
+        "they look swapped; give the ball as the photograph, and the panorama to --probe. If they are not, say what "
+        "the probe is: --probe-layout"
+    )
+    assert "panorama.exr: is twice as wide" in fails(capsys, "live", panorama, "--probe", ball)
+
+
+@pytest.mark.parametrize("more", [(), ("--probe-layout", "mirror_ball")])
+def test_not_said_to_be_swapped(capsys, swapped, tmp_path, more):
+    """Where the photograph is no panorama, or another layout is asked for."""
+    panorama, ball = swapped
+    files = (panorama, "--probe", ball, *more) if more else (ball, "--probe", ball)
+    assert "look swapped" not in assert_fit_fails(capsys, tmp_path, *files)

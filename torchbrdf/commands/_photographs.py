@@ -2,10 +2,11 @@
 
 import argparse
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from torchbrdf.images import readable_suffixes
+from torchbrdf.images import read_picture, readable_suffixes
 
 _OF_FEW_BITS = (".png", ".jpg", ".jpeg")
 
@@ -47,6 +48,37 @@ def photographs(options: argparse.Namespace) -> list[Photograph]:
         raise ValueError(f"--probe is given {len(probes)} times for {len(paths)} photographs: give one, or one each")
     probes *= len(paths) if len(probes) == 1 else 1
     return [Photograph(path, path.stem, probe) for path, probe in zip(paths, probes, strict=True)]
+
+
+@contextmanager
+def telling_swapped(photograph: Path, options: argparse.Namespace) -> Iterator[None]:
+    """In the block a ValueError about a photograph, or its probe, says so where each looks like the other's file."""
+    try:
+        yield
+    except ValueError:
+        if options.probe in (None, "default") or options.probe_layout != "latlong":
+            raise
+        shown, light = _size(photograph, options.layer), _size(Path(options.probe), options.probe_layer)
+        if not (_is_panorama(shown) and light is not None and not _is_panorama(light)):
+            raise
+        raise ValueError(
+            f"{photograph}: is twice as wide as high, as a light probe is, and that of --probe, {options.probe}, is "
+            f"not ({light[0]} x {light[1]}): they look swapped; give the ball as the photograph, and the panorama to "
+            "--probe. If they are not, say what the probe is: --probe-layout"
+        ) from None
+
+
+def _size(path: Path, layer: str | None) -> tuple[int, int] | None:
+    """Height and width of a picture; None where it cannot be read."""
+    try:
+        image = read_picture(path, True, layer=layer).image
+    except (ValueError, OSError):
+        return None
+    return image.shape[1], image.shape[2]
+
+
+def _is_panorama(size: tuple[int, int] | None) -> bool:
+    return size is not None and size[1] == 2 * size[0]
 
 
 def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:

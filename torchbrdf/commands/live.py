@@ -70,6 +70,7 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
     from torchbrdf.brdf import MaterialLibrary
     from torchbrdf.commands._demonstration import MATERIAL, photographed
     from torchbrdf.commands._inputs import open_library, open_probe
+    from torchbrdf.commands._photographs import telling_swapped
     from torchbrdf.commands._reconstruction import fit
     from torchbrdf.commands._sight import read_observation
     from torchbrdf.light import LightProbe
@@ -85,8 +86,9 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
         return f"{MATERIAL}, simulated", fitted, library, probe
     if options.probe is None:
         raise ValueError("a photograph needs the light probe of its light: give --probe")
-    sight = read_observation(options, options.size)
-    probe, library = open_probe(options), open_library(options)
+    with telling_swapped(options.photo, options):
+        sight, probe = read_observation(options, options.size), open_probe(options)
+    library = open_library(options)
     return options.photo.name, fit(sight.observation, probe, library, view=sight.view, **estimation), library, probe
 
 
