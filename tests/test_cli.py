@@ -166,7 +166,7 @@ def test_the_estimator_gets_the_options(tiny_library):
 def test_unknown_output_format(capsys, tmp_path):
     table = tmp_path / "grey.binary"
     tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.1)).save(table)
-    assert ".jpg" in fails(capsys, "render", table, "--probe", "default", "--size", 8, "-o", tmp_path / "x.jpg")
+    assert ".gif" in fails(capsys, "render", table, "--probe", "default", "--size", 8, "-o", tmp_path / "x.gif")
     assert fails(capsys, "render", table, "--probe", "default", "-o", tmp_path / "no" / "x.png")
 
 

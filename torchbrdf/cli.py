@@ -82,12 +82,13 @@ def _load_torch() -> None:
 
 def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
     """Raise ValueError where the output is a file that is read, whatever either is called."""
-    output = getattr(options, "output", None)
+    output = getattr(options, "output", None) or getattr(options, "written", None)
     if output is None or not output.is_file():
         return
-    for name, value in vars(options).items():
+    read = (value for name, value in vars(options).items() if name not in ("output", "written"))
+    for value in read:
         for path in value if isinstance(value, list) else [value]:
-            if name != "output" and isinstance(path, str | Path) and Path(path).is_file() and output.samefile(path):
+            if isinstance(path, str | Path) and Path(path).is_file() and output.samefile(path):
                 raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
 
 

@@ -216,8 +216,8 @@ def test_options_that_do_not_fit(capsys, tmp_path, clay):
     assert line == f"{tmp_path / 'x.glb'}: a mitsuba file ends in .xml or .json, not in '.glb'"
     line = assert_fails(capsys, tmp_path, clay, "--format", "gltf")
     assert line == "--format gltf needs a file to write: -o FILE"
-    line = assert_fails(capsys, tmp_path, clay, *out, "--preview", tmp_path / "x.jpg")
-    assert line == f"{tmp_path / 'x.jpg'}: image suffix '.jpg' is not supported; use .exr, .hdr, .png"
+    line = assert_fails(capsys, tmp_path, clay, *out, "--preview", tmp_path / "x.gif")
+    assert line == f"{tmp_path / 'x.gif'}: image suffix '.gif' is not supported; use .exr, .hdr, .png, .jpg, .jpeg"
     line = assert_fails(capsys, tmp_path, clay, *out, "--preview", tmp_path / "x.png", "--probe", tmp_path / "no.exr")
     assert "no.exr" in line
 

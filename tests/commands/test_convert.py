@@ -1,12 +1,16 @@
 """`torchbrdf convert`: what it writes, says and refuses."""
 
+import json
 from pathlib import Path
 
 import pytest
+import torch
+from torch import Tensor
 
 from failures import fails
 from torchbrdf.brdf.tables import read_table
 from torchbrdf.cli import main
+from torchbrdf.images import exposure_for, png_bytes, read_image, read_picture, write_image
 
 
 def test_there_and_back(capsys, merl_directory: Path, tmp_path: Path):
@@ -19,13 +23,16 @@ def test_there_and_back(capsys, merl_directory: Path, tmp_path: Path):
 
 def test_other_suffixes(capsys, merl_directory: Path, tmp_path: Path):
     line = fails(capsys, "convert", merl_directory / "red.binary", tmp_path / "red.txt")
-    assert line.endswith("red.txt: tables are written as .binary or .bsdf; name the output so")
+    given, out = merl_directory / "red.binary", tmp_path / "red.txt"
+    assert line.endswith(f"{out}: {given} is a table, and tables are written as .binary or .bsdf; name the output so")
+    line = fails(capsys, "convert", given, tmp_path / "red.png")
+    assert line.endswith("name the output so; `torchbrdf render` makes a picture of it")
 
 
 @pytest.mark.parametrize("named", [[], ["x.bsdf", "-o", "x.binary"]])
 def test_one_file_to_write(capsys, merl_directory: Path, named: list[str]):
     assert fails(capsys, "convert", merl_directory / "red.binary", *named).endswith(
-        "give one file to write, behind the table or with -o"
+        "give one file to write, behind what is converted or with -o"
     )
 
 
@@ -39,3 +46,70 @@ def test_a_broken_file_leaves_nothing(capsys, tmp_path: Path):
     line = fails(capsys, "convert", tmp_path / "x.bsdf", tmp_path / "x.binary")
     assert "x.bsdf: truncated" in line
     assert not (tmp_path / "x.binary").exists()
+
+
+@pytest.fixture
+def radiance(tmp_path: Path) -> Tensor:
+    """A ramp to 400 in `light.exr`, with a lamp that is too bright and a hole."""
+    image = (400 * torch.linspace(0, 1, 20 * 40)).reshape(1, 20, 40) * torch.tensor([1.0, 0.8, 0.5])[:, None, None]
+    image[:, 3, 4], image[1, 5, 6] = torch.inf, torch.nan
+    write_image(tmp_path / "light.exr", image)
+    return image
+
+
+def test_a_picture_to_look_at(capsys, radiance: Tensor, tmp_path: Path):
+    """Its 99th percentile is white, what is too bright, too, and what is no number black."""
+    assert main(["convert", str(tmp_path / "light.exr"), str(tmp_path / "light.png"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    exposure = exposure_for(radiance, torch.isfinite(radiance).all(0, keepdim=True))
+    assert 1 / 400 < exposure < 1 / 390
+    assert told["exposure"] == pytest.approx(exposure)
+    assert told["files"] == [str(tmp_path / "light.png")]
+    shown = read_picture(tmp_path / "light.png", True).image
+    assert shown[:, 3, 4].tolist() == [1, 1, 1]
+    assert shown[1, 5, 6] == 0
+    assert (tmp_path / "light.png").read_bytes() == png_bytes(radiance, exposure)
+
+
+def test_the_exposure_is_said_and_may_be_given(capsys, radiance: Tensor, tmp_path: Path):
+    """JPEG is lossy: of a ramp to a few steps of 255."""
+    assert main(["convert", str(tmp_path / "light.exr"), "-o", str(tmp_path / "x.jpg"), "--exposure", "0.002"]) == 0
+    odd = "1 of its pixels are too bright for a number, white; 1 of its pixels are not a number, black"
+    assert capsys.readouterr().out == f"wrote {tmp_path / 'x.jpg'}; radiance times 0.002; {odd}\n"
+    shown = read_picture(tmp_path / "x.jpg", True, encoding="gamma2.2").image
+    torch.testing.assert_close(shown[:, 10:], 0.002 * radiance[:, 10:], rtol=0.1, atol=0.02)
+
+
+def test_a_picture_to_another_linear_one(capsys, radiance: Tensor, tmp_path: Path):
+    assert main(["convert", str(tmp_path / "light.exr"), str(tmp_path / "light.hdr")]) == 0
+    assert capsys.readouterr().out == f"wrote {tmp_path / 'light.hdr'}\n"
+    torch.testing.assert_close(read_image(tmp_path / "light.hdr")[:, 10:], radiance[:, 10:], rtol=0.02, atol=2)
+    line = fails(capsys, "convert", tmp_path / "light.exr", tmp_path / "x.hdr", "--exposure", 2)
+    assert "--exposure is of a picture to look at; name it X.png or X.jpg, or leave it out" in line
+
+
+@pytest.mark.usefixtures("radiance")
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["x.binary"], "(OpenEXR), and pictures are written as .png, .jpg, .exr or .hdr; name the output so"),
+        (["x.png", "--spectral"], "error: --spectral is of a table: leave it out"),
+        (["light.exr"], "the output is an input, which would be lost; give the output another name"),
+    ],
+)
+def test_what_a_picture_is_not(capsys, tmp_path: Path, more: list[str], said: str):
+    line = fails(capsys, "convert", tmp_path / "light.exr", tmp_path / more[0], *more[1:])
+    assert line.endswith(said)
+
+
+def test_what_a_table_is_not(capsys, merl_directory: Path, tmp_path: Path):
+    given = merl_directory / "red.binary"
+    line = fails(capsys, "convert", given, tmp_path / "x.bsdf", "--exposure", 2)
+    assert line.endswith(f"--exposure is of a picture, and {given} is a table: leave it out")
+
+
+@pytest.mark.usefixtures("radiance")
+def test_a_picture_is_no_table(capsys, tmp_path: Path):
+    """Of any command: it was said to have a bad header."""
+    line = fails(capsys, "render", tmp_path / "light.exr", "--probe", "default", "-o", tmp_path / "x.png")
+    assert line.endswith("light.exr: is a picture (OpenEXR), not a table; give one, .binary, .fullbin, .bsdf")

@@ -67,7 +67,7 @@ def test_png_is_the_tone_mapped_image(tmp_path):
     assert png_bytes(image, exposure=0.5) == png_bytes(image * 0.5)
 
 
-@pytest.mark.parametrize("suffix", [".exr", ".hdr", ".png"])
+@pytest.mark.parametrize("suffix", [".exr", ".hdr", ".png", ".jpg"])
 def test_a_failed_write_leaves_nothing_and_keeps_the_old_file(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
     write_image(path, picture())
@@ -86,7 +86,7 @@ def test_a_failed_write_leaves_nothing_and_keeps_the_old_file(tmp_path, monkeypa
 def test_bad_writes(tmp_path):
     with pytest.raises(FileNotFoundError, match="cannot write here"):
         write_image(tmp_path / "nowhere" / "a.exr", picture())
-    with pytest.raises(ValueError, match=r"suffix '\.tif' is not supported; use \.exr, \.hdr, \.png$"):
+    with pytest.raises(ValueError, match=r"suffix '\.tif' is not supported; use \.exr, \.hdr, \.png, \.jpg, \.jpeg$"):
         write_image(tmp_path / "a.tif", picture())
     with pytest.raises(ValueError, match=r"^image must be \(3, H, W\), got \(1, 9, 14\)$"):
         write_image(tmp_path / "a.exr", picture()[:1])

@@ -11,7 +11,7 @@ from torchbrdf.analytic import AnalyticFit
 from torchbrdf.brdf import RESULT_STD, MerlTable
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._refinement import Refinement
-from torchbrdf.images import ColourSpace, exposure_for, write_image
+from torchbrdf.images import DISPLAY_SUFFIXES, ColourSpace, exposure_for, write_image
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
 from torchbrdf.view import SphereView
@@ -66,10 +66,10 @@ class Fits:
 def write_preview(
     path: Path, table: MerlTable, fits: Fits, probe: LightProbe, size: int, primaries: ColourSpace
 ) -> None:
-    """Spheres side by side under a probe: the table, and each fit; a .png at the exposure of the table's highlight."""
+    """Spheres side by side under a probe: the table, and each fit; to look at, exposed for the table's highlight."""
     view = SphereView(size)
     pictures = render_tables([table, *(fit.table for fit in fits.all)], probe, view, _SAMPLES)
-    exposure = exposure_for(pictures[0], view.mask) if path.suffix.lower() == ".png" else 1.0
+    exposure = exposure_for(pictures[0], view.mask) if path.suffix.lower() in DISPLAY_SUFFIXES else 1.0
     write_image(path, torch.cat(list(pictures), dim=-1) * exposure, primaries=primaries)
 
 

@@ -100,6 +100,12 @@ class _Circle(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+def add_exposure(parser: argparse.ArgumentParser) -> None:
+    """`--exposure` of a picture to look at."""
+    text = "factor on the radiance in a .png or .jpg; default: the 99th percentile of the picture becomes white"
+    parser.add_argument("--exposure", type=number(0), metavar="X", help=text)
+
+
 def add_table(parser: argparse.ArgumentParser) -> None:
     """The table that a command is about; see `_inputs.open_table`."""
     parser.add_argument("brdf", type=Path, metavar="BRDF", help=TABLE_HELP)

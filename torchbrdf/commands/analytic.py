@@ -41,7 +41,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=SUFFIXES, help="default: by the file's suffix")
     text = "; ".join(f"{name}: {' or '.join(suffixes)}" for name, suffixes in SUFFIXES.items())
     parser.add_argument("-o", "--output", type=Path, help=f"{text}; default: only print")
-    parser.add_argument("--preview", type=Path, help="picture of the table's sphere and the fit's, .png, .exr or .hdr")
+    text = "picture of the table's sphere and the fit's, .png, .jpg, .exr or .hdr"
+    parser.add_argument("--preview", type=Path, help=text)
     add_size(parser, 192, "pixels along a sphere of it; default: %(default)s")
     add_light(parser, required=False)
     text = "the photograph that the table comes from, with its --probe: parameters go on from the table's on it"

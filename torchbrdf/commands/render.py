@@ -3,7 +3,7 @@
 import argparse
 
 from torchbrdf.commands._findings import Findings
-from torchbrdf.commands._options import add_light, add_output, add_samples, add_size, add_table, number
+from torchbrdf.commands._options import add_exposure, add_light, add_output, add_samples, add_size, add_table
 from torchbrdf.files import writing
 
 EXAMPLES = (
@@ -17,15 +17,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_light(parser)
     add_size(parser, 256, "pixels along a side; default: %(default)s")
     add_samples(parser, None, "a pixel, on average, of the sampled transport; default: the harmonic one, without")
-    text = "factor on the radiance in a .png; default: the 99th percentile of the picture becomes white"
-    parser.add_argument("--exposure", type=number(0), help=text)
-    add_output(parser, "X.exr, X.hdr or X.png (gamma 2.2, clipped)")
+    add_exposure(parser)
+    add_output(parser, "X.exr, X.hdr, or X.png or X.jpg (gamma 2.2, clipped)")
 
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
-    """Render a sphere of a BRDF under a light probe, as .exr, .hdr or .png."""
+    """Render a sphere of a BRDF under a light probe, as .exr, .hdr, .png or .jpg."""
     from torchbrdf.commands._inputs import open_probe, open_table
-    from torchbrdf.images import check_image_suffix, exposure_for, write_image
+    from torchbrdf.images import DISPLAY_SUFFIXES, check_image_suffix, exposure_for, write_image
     from torchbrdf.rendering import render
     from torchbrdf.view import SphereView
 
@@ -36,7 +35,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         view = SphereView(options.size)
         image = render(table, probe, view, options.samples)
         exposure, said = 1.0, ""
-        if options.output.suffix.lower() == ".png":
+        if options.output.suffix.lower() in DISPLAY_SUFFIXES:
             exposure = exposure_for(image, view.mask) if options.exposure is None else options.exposure
             said = f", radiance times {exposure:.3g}"
         write_image(temporary, image * exposure, primaries=options.primaries)

@@ -16,7 +16,10 @@ from .encodings import (
     Transfer as Transfer,
 )
 from .formats import Window as Window
-from .formats._catalogue import readable_suffixes as readable_suffixes
+from .formats._catalogue import (
+    kind_by_suffix as kind_by_suffix,
+    readable_suffixes as readable_suffixes,
+)
 from .masks import (
     Mask as Mask,
     open_mask as open_mask,
@@ -46,6 +49,7 @@ from .shooting import (
 )
 from .vectors import read_vectors as read_vectors
 from .writing import (
+    DISPLAY_SUFFIXES as DISPLAY_SUFFIXES,
     check_image_suffix as check_image_suffix,
     png_bytes as png_bytes,
     write_image as write_image,

@@ -1,4 +1,4 @@
-"""Linear HDR pictures to files: OpenEXR, Radiance .hdr, and PNG for display; whole or absent (`files.writing`)."""
+"""Linear HDR pictures to files: OpenEXR, Radiance .hdr, PNG and JPEG for display; whole or absent (`files.writing`)."""
 
 import os
 from collections.abc import Mapping
@@ -15,7 +15,10 @@ from torchbrdf.images.pictures import OWN_KEYS
 from torchbrdf.images.primaries import SPACES, converted
 from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace
 
-_SUFFIXES = (".exr", ".hdr", ".png")
+DISPLAY_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of files for eyes, whose pixels are tone mapped."""
+
+_SUFFIXES = (".exr", ".hdr", *DISPLAY_SUFFIXES)
 _PNG_COMPRESSION = 4
 """Of zlib: a report is a quarter smaller than with OpenCV's 1, and the 30 pictures take 20 ms more."""
 
@@ -31,13 +34,14 @@ def write_image(
 ) -> None:
     """Write an image; the suffix chooses the format.
 
-    path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png
+    path       .exr (float32, lossless), .hdr (RGBE: about 1 % precision, negatives become 0), or .png or .jpg
                (8 bits, tone mapped by `tone_map`)
     image      (3, H, W) linear RGB; any device. In .exr files NaN marks pixels that were not recorded, and
                infinity those that were too bright
     metadata   text and numbers to keep in the header, .exr only: `read_metadata` gives the text back. Names of 1 to 31
                characters, none of those that OpenEXR itself needs
-    primaries  the colour space of the image, which .exr and .hdr files then name; for .png it is converted to Rec. 709
+    primaries  the colour space of the image, which .exr and .hdr files then name; for display it is converted to
+               Rec. 709
     raises     ValueError for another shape or suffix, or metadata that the file cannot hold; OSError when the file
                cannot be written
     """
@@ -50,8 +54,8 @@ def write_image(
     with writing(path) as temporary:
         if suffix == ".exr":
             _write_exr(temporary, pixels, {**(metadata or {}), **_named_colours(primaries)})
-        elif suffix == ".png":
-            temporary.write_bytes(png_bytes(converted(image, primaries, DEFAULT_SPACE)))
+        elif suffix in DISPLAY_SUFFIXES:
+            temporary.write_bytes(_display_bytes(suffix, converted(image, primaries, DEFAULT_SPACE)))
         else:
             # OpenCV wraps negative mantissas round to bright pixels, and RGBE has no NaN or infinity.
             finite = np.nan_to_num(pixels, nan=0.0, posinf=1e37, neginf=0.0).clip(0.0, 1e37)
@@ -81,8 +85,12 @@ def png_bytes(image: Tensor, exposure: float = 1.0) -> bytes:
     image      (3, H, W) linear RGB; any device
     """
     _check_image(image)
+    return _display_bytes(".png", image, exposure)
+
+
+def _display_bytes(suffix: str, image: Tensor, exposure: float = 1.0) -> bytes:
     display = (tone_map(image.detach().to("cpu", torch.float32), exposure) * 255).round().to(torch.uint8)
-    return _encode(".png", display.permute(1, 2, 0).numpy())
+    return _encode(suffix, display.permute(1, 2, 0).numpy())
 
 
 def _check_image(image: Tensor) -> None:

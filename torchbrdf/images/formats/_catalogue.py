@@ -17,6 +17,12 @@ def readable_suffixes() -> tuple[str, ...]:
     return tuple(sorted(_by_suffix(), key=lambda suffix: (suffix not in (".exr", ".hdr"), suffix)))
 
 
+def kind_by_suffix(path: Path) -> str | None:
+    """What a picture with the suffix of this path is, such as "OpenEXR"; None where pictures have no such suffix."""
+    module = _by_suffix().get(path.suffix.lower())
+    return None if module is None else str(module.KIND)
+
+
 def read_stored(path: Path, layer: str | None = None, vectors: bool = False, option: str = "") -> Stored:
     """What a file holds; raises as `existing_file`, and ValueError where it is not such a picture.
 
