@@ -141,6 +141,11 @@ class TestMisspelt:
             (["bake", "x", "-q"], "unrecognized arguments: -q; see `kiln bake --help`"),
             (["bake", "x", "y"], "unrecognized arguments: y; see `kiln bake --help`"),
             (["bake", "x", "--kind", "claay"], "argument --kind: invalid choice: 'claay' (did you mean clay?); see"),
+            (
+                ["bake", "x", "--gla", "salt"],
+                "ambiguous option: --gla (did you mean --glaze?); it could be --glaze, --glaze-tint; see `kiln bake",
+            ),
+            (["bake", "x", "--gl=1"], "ambiguous option: --gl; it could be --glaze, --glaze-tint, --gloss; see `kiln"),
             (["bake", "x", "--kind", "wood"], "argument --kind: invalid choice: 'wood' (choose from"),
         ],
     )
@@ -165,6 +170,8 @@ class TestMisspelt:
         bake.add_argument("--size", type=float)
         bake.add_argument("--kind", choices=["clay", "glass"])
         bake.add_argument("-o", "--output")
+        for name in ("--glaze", "--glaze-tint", "--gloss"):
+            bake.add_argument(name)
         return whole
 
 

@@ -66,6 +66,26 @@ def test_a_file_that_is_missing(tmp_path: Path, name: str):
 
 
 @pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("phto.exr", "photo.exr"),
+        ("Photo.hdr", "photo.exr"),
+        ("photo.pn", "photo.png"),
+        ("reslt", "result"),
+        ("probe.exr", None),  # its suffix alone is like that of others
+    ],
+)
+def test_a_file_that_is_misspelt(tmp_path: Path, name: str, meant: str | None):
+    for other in ("photo.exr", "photo.png", ".photo.tmp.exr", "ball.exr"):
+        (tmp_path / other).write_bytes(b"x")
+    (tmp_path / "result").mkdir()
+    with pytest.raises(FileNotFoundError) as raised:
+        existing_file(tmp_path / name, "an image")
+    told = "" if meant is None else f" (did you mean {meant}?)"
+    assert str(raised.value) == f"{tmp_path / name}: no such file{told}; expected an image"
+
+
+@pytest.mark.parametrize(
     ("target", "said"),
     [
         ("elsewhere.binary", "a link to elsewhere.binary, which does not exist; expected"),

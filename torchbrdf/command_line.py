@@ -5,12 +5,11 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterable
-from difflib import get_close_matches
+from collections.abc import Callable
 from itertools import takewhile
 from typing import Any, Literal, NoReturn, Self, TextIO
 
-from torchbrdf.files import being_written, remove_unfinished
+from torchbrdf.files import being_written, did_you_mean, remove_unfinished
 from torchbrdf.interruption import interruptible
 
 BAD_INPUT = 2
@@ -73,6 +72,9 @@ class Parser(argparse.ArgumentParser):
             name = word.partition("=")[0]
             if self._looks_like_option(name) and not any(map(_spells(name), self._option_string_actions)):
                 self.error(f"unrecognized arguments: {name}{did_you_mean(name, self._option_string_actions)}")
+            meant = [option for option in self._option_string_actions if option.startswith(name)]
+            if name.startswith("--") and name not in meant and len(meant) > 1:
+                self.error(f"ambiguous option: {name}{_first_of(meant)}; it could be {', '.join(meant)}")
         options, left = super().parse_known_args(words, namespace)
         if left:
             self.error(f"unrecognized arguments: {' '.join(left)}")
@@ -100,11 +102,10 @@ def _spells(word: str) -> Callable[[str], bool]:
     return lambda option: option.startswith(word) or (len(option) == 2 and option[1] != "-" and word.startswith(option))
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The end of a message about a word that is none of those known, the nearest; empty where none is near."""
-    by_letters = {name.strip("-").casefold(): name for name in known}
-    close = get_close_matches(word.strip("-").casefold(), by_letters, n=1)
-    return f" (did you mean {by_letters[close[0]]}?)" if close else ""
+def _first_of(options: list[str]) -> str:
+    """The end of a message about an abbreviation of all these: the one with which all begin; empty where none is."""
+    shortest = min(options, key=len)
+    return f" (did you mean {shortest}?)" if all(option.startswith(shortest) for option in options) else ""
 
 
 def exit_status(

@@ -39,6 +39,9 @@ _PRACTICALLY_NOTHING = 1 << 16
 OTHER_DISK = "set TORCHBRDF_CACHE to another disk"
 """What one can do where the disk of the caches is full."""
 
+_SAME_STEM = 0.75
+"""Share of letters in common, of names without their suffix, from which one may be the other misspelt."""
+
 _being_written: set[Path] = set()
 
 
@@ -77,11 +80,33 @@ def existing_file(path: str | os.PathLike[str], what: str) -> Path:
 
 def _absence(path: Path) -> str:
     if not path.is_symlink():
-        return "no such file"
+        return f"no such file{_misspelt(path)}"
     target = os.readlink(path)
     if "annex/objects" in Path(target).as_posix():
         return "a git-annex link to a file that is not here, which `git annex get` fetches"
     return f"a link to {target}, which does not exist"
+
+
+def _misspelt(path: Path) -> str:
+    """As `did_you_mean`, of the files and folders beside a path with almost its name, whatever their suffix."""
+    from difflib import get_close_matches
+
+    try:
+        beside = [name for name in sorted(os.listdir(path.parent)) if not name.startswith(".")]
+    except OSError:
+        return ""
+    stems = {Path(name).stem.casefold() for name in beside}
+    close = get_close_matches(path.stem.casefold(), stems, n=max(1, len(stems)), cutoff=_SAME_STEM)
+    return did_you_mean(path.name, [name for name in beside if Path(name).stem.casefold() in close])
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """The end of a message about a word that is none of those known, the nearest; empty where none is near."""
+    from difflib import get_close_matches
+
+    by_letters = {name.strip("-").casefold(): name for name in known}
+    close = get_close_matches(word.strip("-").casefold(), by_letters, n=1)
+    return f" (did you mean {by_letters[close[0]]}?)" if close else ""
 
 
 class FullDiskError(OSError):

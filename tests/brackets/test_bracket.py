@@ -194,7 +194,7 @@ class TestRefused:
     def test_one_file(self, files):
         with pytest.raises(ValueError, match=r"^merge needs two exposures or more, got 1"):
             merge(files[:1])
-        with pytest.raises(FileNotFoundError, match=r"IMG_\*\.jpg: no such file; expected an exposure of the bracket"):
+        with pytest.raises(FileNotFoundError, match=r"IMG_\*\.jpg: no such file .*; expected an exposure"):
             merge([files[0].with_name("IMG_*.jpg")])  # as a shell passes it on where nothing matches
 
     def test_sizes(self, tmp_path, files):

@@ -123,6 +123,13 @@ def test_the_light_of_a_page_is_read_alike_and_named_by_its_options(tmp_path):
         _other_light(parser.parse_args([*given, "default", "--light-rows", "poles"]))
 
 
+def test_the_embedded_probe_misspelt(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"^defualt: no such file \(did you mean default\?\); expected a light"):
+        open_probe(parsed("defualt"))
+    with pytest.raises(FileNotFoundError, match=r"ball\.exr: no such file; expected an image"):
+        open_probe(parsed(tmp_path / "ball.exr"))
+
+
 @pytest.fixture
 def swapped(tmp_path: Path) -> tuple[Path, Path]:
     """A panorama and a photograph of a ball."""

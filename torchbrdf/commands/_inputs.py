@@ -9,6 +9,7 @@ from pathlib import Path
 
 from torchbrdf.brdf import RESULT, MaterialLibrary, MerlTable, read_table
 from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.files import did_you_mean
 from torchbrdf.images import DEFAULT_SPACE, Shooting, converted, read_mask, read_shooting, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
@@ -32,6 +33,8 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
         if options.primaries == DEFAULT_SPACE:
             return probe
         return LightProbe(converted(probe.radiance, DEFAULT_SPACE, options.primaries), name=probe.name)
+    if not Path(options.probe).exists() and (meant := did_you_mean(options.probe, ["default"])):
+        raise FileNotFoundError(f"{options.probe}: no such file{meant}; expected a light probe, or default")
     mask, circle = None, options.probe_circle
     if options.probe_mask is not None:
         mask = read_mask(options.probe_mask)

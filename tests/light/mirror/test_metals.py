@@ -44,9 +44,14 @@ def test_gold_is_yellow_and_all_reflect_everything_at_grazing():
         ("aluminun", "did you mean Al?"),
         ("cr", "did you mean Cr?"),
         ("Ni_palk", "did you mean Ni_palik or VN_palik?"),
-        ("steel", "mirror balls are of Ag, Al, Au, Cr, Cu, Ni_palik"),
+        ("Ni", "did you mean Ni_palik?"),
+        (
+            "steel",
+            "mirror balls are of Ag, Al, Au, Cr, Cu, Ni_palik; others are Be, Hg, Ir, K, Li, Mo, Na_palik, Nb, Rh, Se, "
+            "Ta, Te, V_palik, W",
+        ),
     ],
 )
 def test_an_unknown_metal_is_refused_with_what_may_be_meant(name, told):
-    with pytest.raises(ValueError, match=f"^no metal '{name}' in Mitsuba's data; {re.escape(told)}; all: .*eta.spd$"):
+    with pytest.raises(ValueError, match=f"^no metal '{name}' in Mitsuba's data; {re.escape(told)}$"):
         Metal.open(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
@@ -29,6 +30,12 @@ _POLISHED = {
 """What mirror balls are made of or coated with, in words."""
 
 
+_PALIK = "_palik"
+"""The end of names whose data are by another author, some beside those of the same element."""
+
+_ELEMENT = re.compile(f"[A-Z][a-z]?(?:{_PALIK})?")
+
+
 @dataclass(frozen=True)
 class Metal:
     """A polished metal.
@@ -47,7 +54,7 @@ class Metal:
         folder = _folder()
         names = sorted({path.name.removesuffix(".eta.spd") for path in folder.glob("*.eta.spd")})
         if name not in names:
-            raise ValueError(f"no metal {name!r} in Mitsuba's data; {_meant(name, names)}; all: {folder}/*.eta.spd")
+            raise ValueError(f"no metal {name!r} in Mitsuba's data; {_meant(name, names)}")
         return cls(name, *(_spectrum(folder / f"{name}.{part}.spd") for part in ("eta", "k")))
 
     def __str__(self) -> str:
@@ -82,10 +89,14 @@ def fresnel(cosine: np.ndarray, n: np.ndarray, k: np.ndarray) -> np.ndarray:
 
 def _meant(name: str, names: list[str]) -> str:
     """What to give in the place of a name that is none."""
-    by_word = {one.casefold(): one for one in names} | _POLISHED
+    elements = {one.removesuffix(_PALIK): one for one in reversed(names) if _ELEMENT.fullmatch(one)}
+    by_word = {one.casefold(): called for one, called in elements.items()}
+    by_word |= {one.casefold(): one for one in names} | _POLISHED
     if close := get_close_matches(name.casefold(), by_word, n=2, cutoff=0.7):
         return f"did you mean {' or '.join(dict.fromkeys(by_word[word] for word in close))}?"
-    return f"mirror balls are of {', '.join(sorted({*_POLISHED.values()} & {*names}))}"
+    usual = sorted({*_POLISHED.values()} & {*names})
+    others = sorted({*elements.values()} - {*usual})
+    return f"mirror balls are of {', '.join(usual)}; others are {', '.join(others)}"
 
 
 def _folder() -> Path:
