@@ -95,3 +95,13 @@ def test_what_is_meant_is_taken(command: str, option: tuple[str, ...], expected:
 def test_what_is_said(parse, text: str, said: str):
     with pytest.raises(ArgumentTypeError, match=f"^{said}$"):
         parse(text)
+
+
+@pytest.mark.parametrize("command", ["fit", "live", "analytic"])
+def test_help_says_what_is_used_without_an_option(capsys, command: str):
+    """It said that all of a photograph is used where nothing marks the ball, which is found."""
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert "default: the photograph's alpha; without one a ball is found, and of another shape all is used" in told
+    assert "default: of a photographed ball what the file says, else orthographic" in told

@@ -135,7 +135,10 @@ def add_reading(parser: argparse.ArgumentParser, light: str) -> None:
         "what the file says, else centres"
     )
     parser.add_argument(f"--{light}-rows", choices=get_args(Rows), help=text)
-    text = "where the disc of a mirror ball or an angular map is, in pixels; default: a tight square crop"
+    text = (
+        "where the disc of a mirror ball or an angular map is, in pixels; default: as the mask has it, else a square "
+        "picture is a tight crop"
+    )
     kind: dict[str, Any] = {"type": number(), "nargs": 3, "metavar": ("X", "Y", "R"), "action": _Circle}
     parser.add_argument(f"--{light}-circle", **kind, help=text)
     text = "image that is white where such a disc may be used"
@@ -164,7 +167,10 @@ def add_shape(parser: argparse.ArgumentParser) -> None:
         metavar="sphere|NORMALS|MESH",
         help="sphere (default); a mesh, .ply, .obj, .glb or .gltf; or a normal map, X Y Z in R G B, .exr or .png",
     )
-    text = "horizontal field of view of the whole picture, as given; default: orthographic"
+    text = (
+        "horizontal field of view of the whole picture, as given; default: of a photographed ball what the file says, "
+        "else orthographic"
+    )
     group.add_argument("--fov", type=number(0, 180), metavar="DEG", help=text)
     three: dict[str, Any] = {"type": number(), "nargs": 3, "metavar": ("X", "Y", "Z")}
     text = "from the target towards the camera; default: 0 0 1"
@@ -190,15 +196,18 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
 
 def add_seen(parser: argparse._ActionsContainer) -> None:
     """What of a photograph is used, and how its file is read."""
-    text = "image that is white where the shape may be used; default: the photograph's alpha, else all of it"
+    text = (
+        "image that is white where the shape may be used; default: the photograph's alpha; without one a ball is "
+        "found, and of another shape all is used that --view shows"
+    )
     parser.add_argument("--mask", type=Path, help=text)
     parser.add_argument("--invert-mask", action="store_true", help="the mask is white around the shape")
-    text = "silhouette in pixels; default: from the mask, else found in the photograph"
+    text = "a ball's silhouette in pixels; default: from the mask, else found in the photograph"
     parser.add_argument("--circle", type=number(), nargs=3, metavar=("X", "Y", "R"), action=_Circle, help=text)
-    text = "which of the balls found, from 1, the largest; default: the largest"
+    text = "which of the balls found, from 1, the largest; default: the largest, unless another is almost as large"
     parser.add_argument("--ball", type=whole_number(1), metavar="N", help=text)
     parser.add_argument("--layer", metavar="NAME", help="of a photograph that holds several pictures")
-    text = "accept a photograph of 8 or 16 bits, decoded as it says, else with gamma 2.2"
+    text = "accept a photograph of 8 or 16 bits, decoded as it says, else with sRGB (JPEG) or gamma 2.2"
     parser.add_argument("--allow-ldr", action="store_true", help=text)
     text = "accept it, decoded so, whatever it says"
     parser.add_argument("--encoding", choices=get_args(Encoding), help=text)

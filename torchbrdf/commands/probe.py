@@ -44,7 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--circle", type=number(), nargs=3, metavar=three, action="append", default=[], help=text)
     text = "image that is white where the ball may be used"
     group.add_argument("--mask", type=Path, metavar="FILE", action="append", default=[], help=text)
-    text = "which of the balls found, from 1, the largest; default: the largest"
+    text = "which of the balls found, from 1, the largest; default: the largest, unless another is almost as large"
     group.add_argument("--ball", type=whole_number(1), metavar="N", action="append", default=[], help=text)
     group = parser.add_argument_group("what the ball reflects", "default: all light, with a warning")
     text = "share of the light, one number or R G B"
@@ -56,7 +56,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = "of the probe; default: as fine as the middle of the ball, at least 512"
     parser.add_argument("--rows", type=whole_number(8, LARGEST_SIZE), metavar="N", help=text)
     parser.add_argument("--layer", metavar="NAME", help="of photographs that hold several pictures")
-    text = "take photographs of 8 or 16 bits, decoded as they say, else with gamma 2.2; lamps are clipped there"
+    text = (
+        "take photographs of 8 or 16 bits, decoded as they say, else with sRGB (JPEG) or gamma 2.2; lamps are clipped "
+        "there"
+    )
     parser.add_argument("--allow-ldr", action="store_true", help=text)
     text = "linear RGB of the probe, to which photographs are converted; default: %(default)s"
     parser.add_argument("--primaries", choices=get_args(ColourSpace), default=DEFAULT_SPACE, help=text)
