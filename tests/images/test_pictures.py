@@ -33,9 +33,9 @@ def test_integers_are_read_only_when_allowed_and_decoded(tmp_path):
     assert (read_image(path, allow_ldr=True) - image).abs().max() < 2.2 / 255 / 2 * 1.01
 
 
-def test_where_integers_cannot_be_allowed_no_option_is_named(tmp_path):
+def test_where_integers_cannot_be_allowed_the_option_is_said_to_be_of_no_use(tmp_path):
     write_image(tmp_path / "probe.png", picture())
-    message = r"probe\.png: 8-bit PNG is not linear HDR; give an \.exr or \.hdr image$"
+    message = r"probe\.png: 8-bit PNG is not linear HDR; give an \.exr or \.hdr image; --allow-ldr is for photographs"
     with pytest.raises(ValueError, match=message):
         read_picture(tmp_path / "probe.png", allow_ldr=None)
 

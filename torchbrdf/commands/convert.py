@@ -97,11 +97,12 @@ def _convert_picture(options: argparse.Namespace, output: Path, findings: Findin
 
     from torchbrdf.images import DISPLAY_SUFFIXES, exposure_for, read_picture, write_image
 
-    picture = read_picture(options.converted, None, layer=options.layer)
+    to_look_at = output.suffix.lower() in DISPLAY_SUFFIXES
+    picture = read_picture(options.converted, True if to_look_at else None, layer=options.layer)
     exposure, said = 1.0, []
     finite = torch.isfinite(picture.image).all(0, keepdim=True)
     infinite = ~finite & (picture.image == torch.inf).any(0, keepdim=True)
-    if output.suffix.lower() in DISPLAY_SUFFIXES:
+    if to_look_at:
         exposure = exposure_for(picture.image, finite) if options.exposure is None else options.exposure
         said = [f"radiance times {exposure:.3g}"]
         shown = {"too bright for a number, white": infinite, "not a number, black": ~finite & ~infinite}

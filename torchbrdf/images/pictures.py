@@ -24,6 +24,9 @@ OWN_KEYS = (
 )  # fmt: skip
 """Attributes that OpenEXR itself needs."""
 
+_UNSAID = DECODERS["gamma2.2"]
+"""Of integers whose file does not tell how they are encoded; a JPEG does, by convention."""
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -53,7 +56,8 @@ def read_image(
 
     path       .exr, .hdr or .pic (Radiance), .tif, .pfm, .npy: floating-point radiance. .png, .jpg and .tif of 8 or
                16 bits are taken only where that is allowed
-    allow_ldr  decode integers, to [0, 1], as the file says (its profile, sRGB, gAMA), else with gamma 2.2
+    allow_ldr  decode integers, to [0, 1], as the file says (its profile, sRGB, gAMA), else with sRGB (JPEG)
+               or gamma 2.2
     layer      which of several pictures of an .exr file, by the name that the message lists
     primaries  the colour space of the result, to which the file's is converted (whites adapted by Bradford's
                transform). A file that names none is taken as Rec. 709
@@ -113,15 +117,14 @@ def _linear(
     if encoding is not None:
         transfer = DECODERS[encoding]
     elif not allow_ldr:
-        how = f"as it says ({transfer.name})" if transfer else "with gamma 2.2"
         cure = (
-            ""
+            "; --allow-ldr is for photographs alone"
             if allow_ldr is None
             else f", merge several exposures with `torchbrdf merge`, or pass --allow-ldr (allow_ldr=True in Python) to "
-            f"decode it {how}"
+            f"decode it with {(transfer or _UNSAID).name}"
         )
         raise ValueError(f"{path}: {stored.kind} is not linear HDR; give an .exr or .hdr image{cure}")
-    transfer = transfer or DECODERS["gamma2.2"]
+    transfer = transfer or _UNSAID
     return transfer.decode(stored.values).astype(np.float32), f"{stored.kind} decoded with {transfer.name}"
 
 

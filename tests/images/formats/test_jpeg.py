@@ -41,7 +41,7 @@ def test_integers_are_taken_only_where_that_is_allowed(path):
     message = (
         r"a\.jpg: 8-bit JPEG is not linear HDR; give an \.exr or \.hdr image, merge several exposures with "
         r"`torchbrdf merge`, or pass --allow-ldr "
-        r"\(allow_ldr=True in Python\) to decode it as it says \(sRGB\)$"
+        r"\(allow_ldr=True in Python\) to decode it with sRGB$"
     )
     with pytest.raises(ValueError, match=message):
         read_image(path)
