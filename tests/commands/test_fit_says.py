@@ -1,6 +1,7 @@
 """What `torchbrdf fit` prints: the silhouette, the light, the residual, every warning; what --strict makes of them."""
 
 import json
+import re
 import warnings
 from pathlib import Path
 
@@ -208,3 +209,17 @@ class TestForScripts:
         reports += ["The weights oscillate."]
         mask = photo.parent / "mask.png"
         assert fit(photo, "--mask", mask, "--quiet") == (0, [], ["torchbrdf: warning: The weights oscillate."])
+
+
+@pytest.mark.usefixtures("reports")
+@pytest.mark.parametrize(("exposure", "share"), [(0.6, None), (1.6, r"\d+\.\d%")])
+def test_clipped_whole_numbers_on_the_ball(fit, photo, exposure: float, share: str | None):
+    """What is clipped beside the ball does not count."""
+    image = exposure * tb.read_image(photo) / tb.read_image(photo)[:, tb.read_mask(photo.parent / "mask.png")[0]].max()
+    image[:, :, :10] = 2
+    tb.write_image(photo.with_name("few.png"), image)
+    _, lines, errors = fit(photo.with_name("few.png"), "--mask", photo.parent / "mask.png", "--allow-ldr")
+    assert "8-bit PNG decoded with gamma 2.2" in lines[0]
+    said = [line for line in errors if "of the shape's pixels have the largest number that the file can hold" in line]
+    assert len(said) == (share is not None)
+    assert share is None or re.search(rf"few\.png: {share} of the shape's", said[0])

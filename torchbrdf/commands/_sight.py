@@ -23,6 +23,8 @@ from torchbrdf.view import View
 
 _SMALL_SHARE = 0.25
 """Of the view's pixels: with fewer the command warns."""
+_CLIPPED = 0.002
+"""Of the shape's pixels: with more at the largest whole number the command warns."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,13 @@ def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
     used, seen = int(observation.mask.sum()), len(view.pixels)
     if used < _SMALL_SHARE * seen:
         warnings.warn(f"{options.photo}: only {used} of the shape's {seen} pixels are used", UserWarning, stacklevel=2)
+    if (clipped := photograph.clipped_share(silhouette)) > _CLIPPED:
+        message = (
+            f"{options.photo}: {clipped:.1%} of the shape's pixels have the largest number that the file can hold, and "
+            "look clipped: the highlight is lost there, and its BRDF too dim and broad; merge shorter exposures, or "
+            "mask those pixels"
+        )
+        warnings.warn(message, UserWarning, stacklevel=2)
     height, width = view.size
     read = f" ({'; '.join(photograph.about)})" if photograph.about else ""
     return Sight(

@@ -35,12 +35,14 @@ class Picture:
     image   (3, H, W) float32  linear RGB, rows from the top; NaN where the file recorded nothing
     alpha   (1, H, W) float32  in [0, 1]; None where the file has none, or one that is the same everywhere
     window  the part that was recorded; None for all of it
+    full    (1, H, W) bool  a whole number is the largest that the file can hold; None where there are none
     about   how the file was read where it could be read otherwise, for people: phrases
     """
 
     image: Tensor
     alpha: Tensor | None = None
     window: Window | None = None
+    full: Tensor | None = None
     about: tuple[str, ...] = ()
 
 
@@ -95,6 +97,7 @@ def read_picture(
         torch.from_numpy(values),
         None if alpha is None else torch.from_numpy(alpha[None]),
         stored.window,
+        torch.from_numpy((stored.values >= 1).any(0, keepdims=True)) if stored.full_scale else None,
         tuple(filter(None, (stored.about, decoded, *converted))),
     )
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchbrdf.camera import Ball
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, Encoding, Window, open_mask, read_picture
+from torchbrdf.photograph.silhouette import Circle
 
 
 @dataclass(frozen=True)
@@ -19,6 +21,7 @@ class Photograph:
     usable  (1, H, W) bool     recorded (none is NaN or infinite there), and marked by the mask
     mask    (1, H, W) bool     what marks the shape: the file given, else the photograph's alpha; None without either
     window  the part that was recorded; None for all
+    full    (1, H, W) bool     whole numbers at the largest that the file can hold; None where there are none
     about   how the files were read where they could be read otherwise, for people
     """
 
@@ -26,6 +29,7 @@ class Photograph:
     usable: Tensor
     mask: Tensor | None = None
     window: Window | None = None
+    full: Tensor | None = None
     about: tuple[str, ...] = ()
 
     @property
@@ -77,4 +81,9 @@ class Photograph:
             if left_out.any():  # `merge` marks so what no exposure holds
                 usable &= ~left_out
                 about.append(f"left out {int(left_out.sum())} pixels that are {why}")
-        return cls(picture.image, usable, marked, picture.window, tuple(about))
+        return cls(picture.image, usable, marked, picture.window, picture.full, tuple(about))
+
+    def clipped_share(self, silhouette: Circle | Ball | None = None) -> float:
+        """Of its usable pixels, or of those within a ball's silhouette: how many a camera of whole numbers clipped."""
+        used = self.usable if silhouette is None else self.usable & Circle(*silhouette.circle).holds(*self.size)
+        return float(self.full[used].float().mean()) if self.full is not None and used.any() else 0.0
