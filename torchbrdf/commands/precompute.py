@@ -20,10 +20,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Precompute the harmonic transport of a library: basis images of a ball then take a tenth of a second or two."""
-    from torchbrdf.commands._inputs import open_library
-    from torchbrdf.transport.harmonic import transport_of
+    from time import perf_counter
 
-    transport = transport_of(open_library(options), progress=True, perspective=not options.orthographic)
-    findings.line(f"ready: {transport!r}")
-    findings.add(transport=repr(transport))
+    from torchbrdf.commands._inputs import open_library
+    from torchbrdf.transport.harmonic import files_of, is_precomputed, transport_of
+
+    library, perspective = open_library(options), not options.orthographic
+    known, start = is_precomputed(library, perspective), perf_counter()
+    transport_of(library, progress=True, perspective=perspective)
+    seconds, files = perf_counter() - start, files_of(library, perspective)
+    size = sum(file.stat().st_size for file in files)
+    folders = ", ".join(sorted({str(file.parent) for file in files}))
+    findings.line(
+        f"ready for photographs of balls, {'with and without' if perspective else 'without'} --fov, by the library of "
+        f"{len(library)} materials: {size / 1e6:.0f} MB in {folders}, "
+        + ("which were there" if known else f"made in {seconds:.0f} s")
+    )
+    findings.add(materials=len(library), perspective=perspective, bytes=size, seconds=seconds)
+    if not known:
+        findings.add_files(*files)
     return 0

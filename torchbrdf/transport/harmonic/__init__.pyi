@@ -1,6 +1,7 @@
 from ._table_kernels import SHOWN as SHOWN
 from .basis import HarmonicBasis as HarmonicBasis
 from .cache import (
+    files_of as files_of,
     is_precomputed as is_precomputed,
     transport_of as transport_of,
 )

@@ -74,6 +74,17 @@ def is_precomputed(library: MaterialLibrary, perspective: bool = False) -> bool:
     return all(ready)
 
 
+def files_of(library: MaterialLibrary, perspective: bool = False) -> list[Path]:
+    """The files that `transport_of` reads, those that are there: of a library that grew, its parts' and its own."""
+    stored, found = library.stored, []
+    for part in sorted({False, perspective}):
+        own = _path(stored, part)
+        held, missing = ([], []) if own.is_file() else _missing(stored, part)
+        found += [own, *(_path_of(one.fingerprint, part) for one in held)]
+        found += [_path(stored.of(missing), part)] if held and missing else []
+    return [path for path in found if path.is_file()]
+
+
 def _kernels_of(stored: StoredColumns, perspective: bool, progress: bool) -> tuple[Kernels, ...]:
     """Of all columns together; of a library that grew from others, theirs, and of what came new by itself."""
     if _path(stored, perspective).is_file():
