@@ -1,14 +1,25 @@
-"""Bars of progress: shown where they are asked for, and not while they are hidden."""
+"""Progress: bars on a terminal, lines elsewhere, where they are asked for, and none while they are hidden."""
+
+import sys
+from io import StringIO
+from pathlib import Path
 
 import pytest
 
-from torchbrdf.progress import above_bars, no_progress, progress_bar
+from torchbrdf.progress import _draws, above_bars, no_progress, progress_bar
 
 
-def counted(**settings: bool) -> list[int]:
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is captured is taken for one."""
+    monkeypatch.setattr("torchbrdf.progress._draws", lambda _: True)
+
+
+def counted(**settings: float) -> list[int]:
     return list(progress_bar([1, 2, 3], desc="materials", mininterval=0, **settings))
 
 
+@pytest.mark.usefixtures("terminal")
 @pytest.mark.parametrize("shown", [True, False])
 def test_shown_where_it_is_asked_for(shown: bool, capsys: pytest.CaptureFixture[str]) -> None:
     assert counted(shown=shown) == [1, 2, 3]
@@ -17,6 +28,7 @@ def test_shown_where_it_is_asked_for(shown: bool, capsys: pytest.CaptureFixture[
     assert captured.out == ""
 
 
+@pytest.mark.usefixtures("terminal")
 def test_hidden_in_blocks_also_in_one_another(capsys: pytest.CaptureFixture[str]) -> None:
     with no_progress():
         with no_progress():
@@ -27,6 +39,7 @@ def test_hidden_in_blocks_also_in_one_another(capsys: pytest.CaptureFixture[str]
     assert "materials" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("terminal")
 def test_shown_again_after_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError, match="bad"), no_progress():
         raise ValueError("bad")
@@ -34,6 +47,7 @@ def test_shown_again_after_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert "materials" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("terminal")
 def test_a_bar_makes_way_for_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     """It is cleared before the line, and drawn anew after it."""
     with progress_bar(total=2, desc="materials", mininterval=0) as bar:
@@ -44,3 +58,33 @@ def test_a_bar_makes_way_for_a_line(capsys: pytest.CaptureFixture[str]) -> None:
             print("a line")
         assert set(cleared) <= set("\r ")
         assert "materials" in capsys.readouterr().err
+
+
+def test_bars_are_for_terminals_and_notebooks(tmp_path: Path) -> None:
+    terminal = type("Terminal", (StringIO,), {"isatty": lambda _: True})
+    notebook = type("OutStream", (StringIO,), {"__module__": "ipykernel.iostream"})
+    with open(tmp_path / "log", "w") as log:
+        assert [_draws(stream) for stream in (terminal(), notebook(), log)] == [True, True, False]
+
+
+class TestElsewhere:
+    """Where stderr is a file or a pipe."""
+
+    def test_what_is_quick_says_nothing(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """Nor does a line that is printed beside it."""
+        with progress_bar(total=2, desc="materials") as bar:
+            bar.update()
+            with above_bars():
+                print("a line", file=sys.stderr)
+            bar.update()
+        assert capsys.readouterr().err == "a line\n"
+
+    def test_lines_that_a_log_can_hold(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """As they would come in half a minute."""
+        counted(delay=0)
+        said = capsys.readouterr().err
+        assert "\r" not in said
+        assert said.splitlines()[:2] == [
+            "materials: 0 of 3 after 00:00, ? left",
+            "materials: 1 of 3 after 00:00, 00:00 left",
+        ]

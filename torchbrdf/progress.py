@@ -1,16 +1,34 @@
-"""Bars of progress on stderr: shown where a call asks for them, and nowhere while they are hidden."""
+"""Progress on stderr: bars on a terminal, a line now and then elsewhere; where a call asks for it, unless hidden."""
 
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar, overload
 
 if TYPE_CHECKING:  # what shows no bar need not wait for it
     from tqdm import tqdm
 
 Item = TypeVar("Item")
 
+_SECONDS = 30.0
+"""Between two lines of what is no terminal."""
+_LINE = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
+
 _hidden = 0
+
+
+class _Lines:
+    """Stands for stderr where it is no terminal: what a bar writes there becomes lines, what wipes it out nothing."""
+
+    def write(self, text: str) -> int:
+        """As that of a stream."""
+        if line := text.strip("\r\n "):
+            sys.stderr.write(f"{line}\n")
+        return len(text)
+
+    def flush(self) -> None:
+        """As that of a stream."""
+        sys.stderr.flush()
 
 
 @overload
@@ -25,10 +43,19 @@ def progress_bar(iterable: Any = None, *, shown: bool = True, leave: bool = Fals
     shown     whether the caller asks for it
     leave     it stays where it is when it is full
     settings  of tqdm: desc, total, initial, unit
+    Where stderr is neither a terminal nor a notebook there is no bar but a line every half minute, the first after one.
     """
     from tqdm import tqdm
 
+    if not _draws(sys.stderr):
+        every = {"mininterval": _SECONDS, "maxinterval": _SECONDS, "delay": _SECONDS}
+        settings = every | {"bar_format": _LINE, "file": _Lines()} | settings
     return tqdm(iterable, leave=leave, disable=not shown or _hidden > 0, **settings)
+
+
+def _draws(stream: TextIO) -> bool:
+    """Whether what is written to a stream may be wiped out and written anew."""
+    return stream.isatty() or type(stream).__module__.startswith("ipykernel")
 
 
 @contextmanager

@@ -31,7 +31,9 @@ def document(capsys: pytest.CaptureFixture[str], *words: object, status: int = 0
 
 class TestWays:
     @pytest.fixture
-    def told(self, capsys: pytest.CaptureFixture[str]) -> Iterator[object]:
+    def told(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[object]:
+        monkeypatch.setattr("torchbrdf.progress._draws", lambda _: True)
+
         def run(quiet: bool, as_json: bool) -> tuple[str, str]:
             findings = Findings("fit", quiet, as_json)
             with findings.gathered():

@@ -235,7 +235,8 @@ def test_a_damaged_state_is_refused(library, probe, monkeypatch, tmp_path, damag
         bake_basis(*arguments, state=state)
 
 
-def test_progress_is_shown_and_else_nothing(library, probe, capfd):
+def test_progress_is_shown_and_else_nothing(library, probe, capfd, monkeypatch):
+    monkeypatch.setattr("torchbrdf.progress._draws", lambda _: True)
     bake_basis(library, probe, SphereView(8), 100)
     assert capfd.readouterr() == ("", "")
     bake_basis(library, probe, SphereView(8), 100, progress=True)
