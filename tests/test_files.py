@@ -175,6 +175,34 @@ def test_permissions_are_those_of_any_new_file(tmp_path: Path):
     assert (tmp_path / "out").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("file", "a file has this name"),
+        ("file/below/out", "{}/file is a file, no folder"),
+    ],
+)
+def test_what_hinders_a_folder(tmp_path: Path, name: str, why: str):
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError) as raised, writing_folder(tmp_path / name):
+        pytest.fail("the block must not run")
+    assert raised.value.strerror == f"cannot write here ({why.format(tmp_path)}); choose another folder"
+
+
+def test_what_hinders_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The system says "No such file or directory" of both."""
+    gone = tmp_path / "gone"
+    with pytest.raises(FileNotFoundError, match=f"there is no folder {gone}"), writing(gone / "x"):
+        pytest.fail("the block must not run")
+
+    def refuse(*_: object) -> None:  # as /proc does
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(FileNotFoundError, match=f"{tmp_path} takes no new files"), writing(tmp_path / "x"):
+        pytest.fail("the block must not run")
+
+
 def test_folder_that_does_not_exist(tmp_path: Path):
     with (
         pytest.raises(FileNotFoundError, match=r"cannot write here .*; choose another folder.*out\.exr"),

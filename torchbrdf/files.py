@@ -244,7 +244,20 @@ def _disk_is_full(error: Exception, folder: Path) -> bool:
 
 
 def _unwritable(error: OSError, path: Path) -> OSError:
-    return type(error)(error.errno, f"cannot write here ({error.strerror}); choose another folder", str(path))
+    return type(error)(error.errno, f"cannot write here ({_hindrance(error, path)}); choose another folder", str(path))
+
+
+def _hindrance(error: OSError, path: Path) -> str:
+    """Why nothing can be made at a path; in the system's words where they name it."""
+    there = next(place for place in (path, *path.absolute().parents) if place.exists())
+    if there == path and not path.is_dir():
+        return "a file has this name"
+    if not there.is_dir():
+        return f"{there} is a file, no folder"
+    if error.errno == errno.ENOENT:
+        missing = path.absolute().parent != there
+        return f"there is no folder {path.parent}" if missing else f"{there} takes no new files"
+    return str(error.strerror)
 
 
 def check_room(folder: Path, size: float, what: str) -> None:

@@ -15,8 +15,9 @@ from torch import Tensor
 import torchbrdf as tb
 from failures import fails
 from picture_files import write_exr
-from torchbrdf.cli import main
+from torchbrdf.cli import main, parser
 from torchbrdf.commands import _batch
+from torchbrdf.commands._photographs import photographs
 
 SIZE = 16
 FILES = {"brdf.binary", "fitted.exr", "weights.json"}
@@ -96,9 +97,20 @@ class TestFolders:
     def test_what_other_options_name_is_no_photograph(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
         shutil.copy(probe, photos / "probe.exr")
         (photos / "notes.txt").write_text("of the day")
-        tb.write_image(photos / "preview.png", torch.full((3, 8, 8), 0.5))
-        assert fit(photos, "--probe", photos / "probe.exr")[0] == 0
+        for preview in ("paint.png", "probe.jpg"):
+            tb.write_image(photos / preview, torch.full((3, 8, 8), 0.5))
+        status, _, errors = fit(photos, "--probe", photos / "probe.exr")
+        assert (status, [line for line in errors if "left out" in line]) == (0, [])
         assert names(tmp_path / "out") == {"holed", "paint", "satin"}
+
+    def test_pictures_of_few_bits_are_left_out_and_counted(self, photos: Path):
+        for name in ("clay.png", "wood.jpg"):
+            tb.write_image(photos / name, torch.full((3, 8, 8), 0.5))
+        options = parser().parse_args(["fit", str(photos), "--probe", "default", "-o", "x"])
+        options.probes = options.probe
+        told = "left out as not linear HDR: 2 of its pictures, of 8 or 16 bits, the first clay.png; --allow-ldr takes"
+        with pytest.warns(UserWarning, match=told):
+            assert [one.name for one in photographs(options)] == ["holed", "paint", "satin"]
 
     def test_a_library_that_is_not_there_is_said_once(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
         status, _, errors = fit(photos, "--probe", probe, "--library", tmp_path / "gone")

@@ -11,6 +11,7 @@ from torch import Tensor
 
 import torchbrdf as tb
 from discs import disc
+from failures import fails
 from photographs_of_balls import photographed
 from picture_files import window, write_exr
 from torchbrdf.cli import main
@@ -223,3 +224,11 @@ def test_clipped_whole_numbers_on_the_ball(fit, photo, exposure: float, share: s
     said = [line for line in errors if "of the shape's pixels have the largest number that the file can hold" in line]
     assert len(said) == (share is not None)
     assert share is None or re.search(rf"few\.png: {share} of the shape's", said[0])
+
+
+@pytest.mark.parametrize("name", ["x.binary", "x.EXR"])
+def test_an_output_that_is_called_as_a_file(capsys, photo, name: str):
+    """It became a folder of that name."""
+    line = fails(capsys, "fit", photo, "--probe", "default", "-o", photo.with_name(name))
+    told = "fit writes a folder of files, brdf.binary among them; give -o a name without"
+    assert line.endswith(f"{name}: {told} {Path(name).suffix}")

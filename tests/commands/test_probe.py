@@ -61,6 +61,7 @@ def test_another_ball_than_a_mirror_is_a_warning(capsys, tmp_path):
     status, _, err = run(capsys, tmp_path / "grey.exr", *given, "-o", tmp_path / "probe.exr")
     assert status == 0
     assert "grey.exr: the ball looks matte" in err
+    assert "so what is written is no light that a BRDF could be found under; give the photograph" in err
 
 
 def test_what_is_hardly_a_metal_is_a_warning(capsys, chrome, tmp_path):

@@ -44,8 +44,8 @@ def overlay(frames: Sequence[Frame], clip: np.ndarray, reference: int, still: bo
         unknown = []
     if len(found) < 2:
         raise ValueError(
-            f"{frames[reference].path}: has too little in common with the other exposures to be laid over them; "
-            "take exposures closer together, or give --still where the camera did not move"
+            f"{frames[reference].path}: has too little in common with the other exposures to be laid over them; take "
+            "exposures closer together, or give --still where the camera did not move; or they are not of one scene"
         )
     for k in unknown:
         message = "has too little in common with the others to be laid over them, which moved: left out"
@@ -63,7 +63,7 @@ def _step(frames: Sequence[Frame], near: int, k: int, tones: np.ndarray, own: np
     except LookupError:
         raise ValueError(
             f"{frames[k].path}: cannot be laid over {frames[near].path}: it moved too far, or shows something else; "
-            "leave it out, or give --still where the camera did not move"
+            "leave it out, or give --still where the camera did not move; or they are not of one scene"
         ) from None
 
 

@@ -1,7 +1,8 @@
 """Which photographs `torchbrdf fit` is given, what each is called, and under which probe it was taken."""
 
 import argparse
-from collections.abc import Iterator
+import warnings
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,7 +97,23 @@ def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:
     ]  # fmt: skip
     if not found:
         raise ValueError(f"{given}: holds no photographs ({', '.join(known)}); those of 8 bits need --allow-ldr")
+    _warn_of_left_out(given, few_bits, {path.stem.casefold() for path in (*found, *named)})
     yield from found
+
+
+def _warn_of_left_out(folder: Path, suffixes: Collection[str], known: Collection[str]) -> None:
+    """Warn of pictures of few bits in a folder; not of those with a name that is known, as previews have."""
+    left_out = [
+        path.name
+        for path in sorted(folder.iterdir())
+        if path.suffix.lower() in suffixes and not path.name.startswith(".") and path.stem.casefold() not in known
+    ]
+    if left_out:
+        message = (
+            f"{folder}: left out as not linear HDR: {len(left_out)} of its pictures, of 8 or 16 bits, the first "
+            f"{left_out[0]}; --allow-ldr takes them, too"
+        )
+        warnings.warn(message, UserWarning, stacklevel=2)
 
 
 def _values(options: argparse.Namespace) -> Iterator[object]:

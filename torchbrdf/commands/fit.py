@@ -5,12 +5,15 @@ from pathlib import Path
 from typing import get_args
 
 from torchbrdf.alignment import Range
-from torchbrdf.brdf import RESULT_STD
+from torchbrdf.brdf import RESULT, RESULT_STD, TABLE_SUFFIXES
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
 
 _ONLY_WITH_ALIGN = ("search", "keep_silhouette", "blur", "exposure", "white_balance")
+
+_OF_FILES = (*TABLE_SUFFIXES, ".exr", ".hdr", ".html", ".json", ".png")
+"""Suffixes that no folder is meant to have."""
 
 EXAMPLES = (
     "torchbrdf fit ball.exr --probe probe.exr --fov 24 -o result",
@@ -111,7 +114,12 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
 
 
 def check_options(options: argparse.Namespace) -> None:
-    """Raise ValueError for options that do not go together."""
+    """Raise ValueError for options that do not go together, and for an output that is called as a file is."""
+    if options.output.suffix.lower() in _OF_FILES and not options.output.is_dir():
+        raise ValueError(
+            f"{options.output}: fit writes a folder of files, {RESULT} among them; give -o a name without "
+            f"{options.output.suffix}"
+        )
     for name in _ONLY_WITH_ALIGN:
         if getattr(options, name) and not options.align:
             raise ValueError(f"--{name.replace('_', '-')} is a part of the alignment: give --align, too")

@@ -178,8 +178,8 @@ def _doubts_of(
     factors = 1.0 if isinstance(reflectance, Metal) else found.image.new_tensor(reflectance)[:, None, None]
     if looks_matte(found.bounded / factors, found.shown & found.sound, found.ball):
         doubts.append(
-            "the ball looks matte: it shows nothing as sharp as a mirror does, nor what lies beside it; give the "
-            "photograph of the mirror ball"
+            "the ball looks matte: it shows nothing as sharp as a mirror does, nor what lies beside it, so what is "
+            "written is no light that a BRDF could be found under; give the photograph of the mirror ball"
         )
     if found is not recorded:
         doubts.append(f"{found.lost} pixels of the ball have its largest value and are clipped: taken as infinite")
