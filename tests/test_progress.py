@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from torchbrdf.progress import _draws, above_bars, no_progress, progress_bar
+from torchbrdf.progress import _draws, above_bars, announce, no_progress, progress_bar
 
 
 @pytest.fixture
@@ -34,6 +34,7 @@ def test_hidden_in_blocks_also_in_one_another(capsys: pytest.CaptureFixture[str]
         with no_progress():
             assert counted() == [1, 2, 3]
         assert counted() == [1, 2, 3]
+        announce("it takes long")
         assert capsys.readouterr().err == ""
     counted()
     assert "materials" in capsys.readouterr().err
@@ -88,3 +89,8 @@ class TestElsewhere:
             "materials: 0 of 3 after 00:00, ? left",
             "materials: 1 of 3 after 00:00, 00:00 left",
         ]
+
+    def test_what_takes_long_is_announced(self, capsys: pytest.CaptureFixture[str]) -> None:
+        announce("it takes long")
+        announce("unasked for", shown=False)
+        assert capsys.readouterr().err == "it takes long\n"

@@ -58,6 +58,13 @@ def _draws(stream: TextIO) -> bool:
     return stream.isatty() or type(stream).__module__.startswith("ipykernel")
 
 
+def announce(text: str, shown: bool = True) -> None:
+    """A line on stderr about what takes long, where a bar would be shown or its lines."""
+    if shown and _hidden == 0:
+        with above_bars():
+            print(text, file=sys.stderr, flush=True)
+
+
 @contextmanager
 def no_progress() -> Iterator[None]:
     """In the block no bar is shown, whoever asks for one."""

@@ -1,6 +1,7 @@
 """`torchbrdf precompute`: what it says of the transport that is ready."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.cli import main
 from torchbrdf.transport.harmonic import files_of
+from torchbrdf.transport.harmonic.cache import _in_memory
 
 
 @pytest.fixture
@@ -32,3 +34,19 @@ def test_what_was_there(precompute, precomputed_library: MaterialLibrary):
     )
     told = json.loads(precompute("--json")[0])
     assert (told["materials"], told["perspective"], told["bytes"], told["files"]) == (8, False, size, [])
+
+
+def test_what_has_to_be_made(precompute, precomputed_library: MaterialLibrary):
+    """A line says what takes long, beside the bar or without it, and that it is once."""
+    (file,) = files_of(precomputed_library)
+    kept = file.rename(file.with_suffix(".kept"))
+    try:
+        _in_memory.clear()
+        out, err = precompute()
+    finally:
+        kept.rename(file)
+    assert re.search(r": \d+ MB in .*, made in \d+ s\n$", out)
+    assert err == (
+        "harmonic transport of 8 materials: computed once for this library, which takes some minutes where there are a "
+        f"hundred, and kept in {file.parent}\n"
+    )

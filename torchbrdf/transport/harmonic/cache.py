@@ -22,7 +22,7 @@ from torch import Tensor
 from torchbrdf.brdf import MaterialLibrary, Part, StoredColumns, column_norms, columns_of
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
-from torchbrdf.progress import progress_bar
+from torchbrdf.progress import announce, progress_bar
 from torchbrdf.transport.harmonic._kernels import (
     Band,
     Kernels,
@@ -142,6 +142,11 @@ def _from_disk(stored: StoredColumns, perspective: bool, progress: bool) -> tupl
             parts = path.with_suffix(".parts")
             check_room(path.parent, _HEADROOM, "the harmonic transport")
             parts.mkdir(exist_ok=True)
+            announce(
+                f"{_called(perspective)} of {len(stored.names)} materials: computed once for this library, which takes "
+                f"some minutes where there are a hundred, and kept in {path.parent}",
+                shown=progress,
+            )
             try:
                 built = _assembled(stored, perspective, parts, progress)
             except KeyboardInterrupt:
@@ -162,8 +167,7 @@ def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, pro
     orders = (1, 2) if perspective else (0,)
     everything = [(order, zone, rings) for order in orders for zone in zones() for rings in zone.groups]
     norms = column_norms(stored)
-    what = "harmonic transport" + (", perspective" if perspective else "")
-    for i, key in enumerate(progress_bar(everything, desc=what, shown=progress)):
+    for i, key in enumerate(progress_bar(everything, desc=_called(perspective), shown=progress)):
         part = None if parts is None else parts / f"{i}.safetensors"
         known = None if part is None else _read(part)
         if known is None:
@@ -172,6 +176,10 @@ def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, pro
                 _write(part, known)
         groups.extend(known)
     return tuple(group for group in groups if group.mixing.shape[1])
+
+
+def _called(perspective: bool) -> str:
+    return "harmonic transport, perspective" if perspective else "harmonic transport"
 
 
 def _tensors(groups: tuple[Kernels, ...]) -> Iterator[Tensor]:
