@@ -90,6 +90,14 @@ class TestElsewhere:
             "materials: 1 of 3 after 00:00, 00:00 left",
         ]
 
+    def test_one_in_another(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """No character moves a cursor that is not there."""
+        for _ in progress_bar([1, 2], desc="photographs", mininterval=0, delay=0):
+            counted(delay=0)
+        said = capsys.readouterr().err
+        assert {line.split(":")[0] for line in said.splitlines()} == {"photographs", "materials"}
+        assert said.replace("\n", "").isprintable()
+
     def test_what_takes_long_is_announced(self, capsys: pytest.CaptureFixture[str]) -> None:
         announce("it takes long")
         announce("unasked for", shown=False)

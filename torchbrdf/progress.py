@@ -49,7 +49,7 @@ def progress_bar(iterable: Any = None, *, shown: bool = True, leave: bool = Fals
 
     if not _draws(sys.stderr):
         every = {"mininterval": _SECONDS, "maxinterval": _SECONDS, "delay": _SECONDS}
-        settings = every | {"bar_format": _LINE, "file": _Lines()} | settings
+        settings = every | {"bar_format": _LINE, "file": _Lines(), "position": 0} | settings  # one in another: no moves
     return tqdm(iterable, leave=leave, disable=not shown or _hidden > 0, **settings)
 
 
