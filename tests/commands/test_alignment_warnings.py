@@ -25,19 +25,6 @@ def found(probe: LightProbe, std: float, log_odds: float = math.inf) -> SimpleNa
     return SimpleNamespace(lamp=LampRadiance(probe.lamps, ones, std * ones, log_odds))
 
 
-def test_a_plateau_is_warned_of_without_alignment() -> None:
-    text = r"^light probe: 5 texels of 30 \(row 10, columns 20 to 24, counted from 0\), its brightest, look clipped; --"
-    with pytest.warns(UserWarning, match=text):
-        warn_of_lamps(LightProbe(sky(5)), None)
-
-
-@pytest.mark.parametrize("radiance", [sky(1), sky(2), LightProbe.default(64).radiance])
-def test_no_false_alarm(radiance: Tensor) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warn_of_lamps(LightProbe(radiance), None)
-
-
 def test_what_the_photograph_cannot_tell() -> None:
     probe = LightProbe(sky(5))
     with pytest.warns(UserWarning, match="this photograph cannot tell their radiance for sure"):

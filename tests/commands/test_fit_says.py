@@ -15,6 +15,7 @@ from failures import fails
 from photographs_of_balls import photographed
 from picture_files import window, write_exr
 from torchbrdf.cli import main
+from torchbrdf.commands._capture import doubts_of_sight
 from torchbrdf.photograph import Circle
 
 SIZE = 16
@@ -42,8 +43,18 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.fixture
-def fit(precomputed_library: object, precomputed_directory: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    """Runs the command: its exit status, and the lines of stdout and stderr."""
+def fit(
+    precomputed_library: object,
+    precomputed_directory: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+):
+    """Runs the command: its exit status, and the lines of stdout and stderr.
+
+    The photographs are without perspective, so what is said of a camera that is not known would be wrong.
+    """
+    monkeypatch.setattr("torchbrdf.commands._lit_sight.doubts_of_sight", lambda *_: [])
 
     def run(photo: Path, *more: object) -> tuple[int, list[str], list[str]]:
         tb.write_image(tmp_path / "probe.exr", tb.LightProbe.default(64).radiance, {"rows": "poles"})
@@ -232,3 +243,18 @@ def test_an_output_that_is_called_as_a_file(capsys, photo, name: str):
     line = fails(capsys, "fit", photo, "--probe", "default", "-o", photo.with_name(name))
     told = "fit writes a folder of files, brdf.binary among them; give -o a name without"
     assert line.endswith(f"{name}: {told} {Path(name).suffix}")
+
+
+def test_what_is_known_of_the_capture_is_said_once_and_given_to_the_report(fit, photo, monkeypatch):
+    known = []
+
+    def write(path: Path, *_: object, **given: object) -> list[str]:
+        path.write_text("")
+        known.extend(given["known"])
+        return []
+
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
+    monkeypatch.setattr("torchbrdf.commands._lit_sight.doubts_of_sight", doubts_of_sight)
+    _, _, errors = fit(photo, "--mask", photo.parent / "mask.png")
+    assert [doubt.topic for doubt in known] == ["camera"]
+    assert [line for line in errors if known[0].text in line] == [f"torchbrdf: warning: {known[0].text}"]

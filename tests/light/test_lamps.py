@@ -206,3 +206,38 @@ class TestInfinite:
         found = LightProbe.open(tmp_path / "probe.exr", unknown_lamps=True).lamps
         assert found.unknown
         assert int((found.radiance > 0).sum()) == (9 if turn is None else pytest.approx(9, abs=3))
+
+
+def panorama(seed: int = 0) -> Tensor:
+    """(3, 64, 128): smooth light from 0 to 3, with some noise, more of it red."""
+    theta = (torch.arange(64) + 0.5)[:, None] * (torch.pi / 64)
+    light = 1.5 * (1 + torch.cos(theta) * torch.linspace(0.5, 1, 128))
+    noise = torch.rand(3, 64, 128, generator=torch.Generator().manual_seed(seed))
+    return light * torch.tensor([1.1, 1.0, 0.9])[:, None, None] + 0.1 * noise
+
+
+def share_clipped(radiance: Tensor) -> float:
+    return LightProbe(radiance).clipped_share
+
+
+def test_more_than_lamps_that_is_clipped_is_told_with_its_share():
+    clipped = panorama().clamp_max(2.0)
+    probe = LightProbe(clipped)
+    expected = float((probe.solid_angles * (clipped > 1.998).any(0)).sum() / probe.solid_angles.sum())
+    assert expected > 0.1
+    assert probe.clipped_share == pytest.approx(expected, rel=1e-5)
+    assert LightProbe(clipped).resized(128).clipped_share == pytest.approx(expected, rel=0.05)
+
+
+def test_light_that_is_not_clipped_or_was_computed_is_not_said_to_be():
+    assert share_clipped(panorama()) == 0.0
+    assert share_clipped(torch.ones(3, 16, 32)) == 0.0
+    assert share_clipped(torch.zeros(3, 16, 32) + 1e-6) == 0.0
+    half = torch.full((3, 64, 128), 0.2)
+    half[:, :32] = 1.0
+    assert share_clipped(half) == 0.0
+    assert LightProbe.default(128).clipped_share == 0.0
+    window = panorama()
+    window[:, 5:20, 10:60] = torch.tensor([9.0, 8.0, 7.0])[:, None, None]  # one area, one radiance, in every channel
+    assert share_clipped(window) == 0.0
+    assert share_clipped(LightProbe.default(128).radiance.clamp_max(1.0)) > 0.05

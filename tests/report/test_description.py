@@ -1,15 +1,17 @@
 """What a result is, in words: the highlight's width in closed form, materials that look like themselves."""
 
-from math import asin, degrees, sqrt
+from math import asin, degrees, exp, pi, sqrt
 from types import SimpleNamespace
 
 import pytest
 import torch
 
+from torchbrdf.brdf import cell_centres
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
 from torchbrdf.report._description import gloss_of, in_words, looks_clipped, most_alike
+from torchbrdf.report._deviations import highlight_row
 from torchbrdf.report._figures import theta_h_curve
 from torchbrdf.report._first_screen import _gloss
 from torchbrdf.view.sphere import SphereView
@@ -59,10 +61,49 @@ def test_a_plateau_below_the_fit_is_clipped():
     assert not looks_clipped(0 * ramp, ramp, used)
 
 
+NOT_TOLD = "How glossy it is, this photograph does not tell"
+
+
+def said_of(table, highlight, of_highlight, of_top=0.0):
+    """The sentence where the highlight is so much brighter, to a share of that, and its top is known to a share."""
+    spread = SimpleNamespace(
+        highlight=torch.tensor([[highlight], [of_highlight * highlight]]).expand(2, 3),
+        curve=torch.full((90, 3), of_top * float(theta_h_curve(table)[0].mean())),
+    )
+    return _gloss(SimpleNamespace(spread=spread, found=SimpleNamespace(table=table)), gloss_of(table))
+
+
 def test_a_highlight_that_may_as_well_be_none_is_not_described(tiny_tables):
-    table = tiny_tables["red"]
-    gloss, top = gloss_of(table), theta_h_curve(table)[0].mean()
-    for share, told in ((0.5, str(gloss)), (0.7, "How glossy it is, this photograph does not tell")):
-        spread = SimpleNamespace(curve=torch.full((90, 3), share * float(top)))  # 1.645 of them reach zero, or do not
-        assert _gloss(SimpleNamespace(spread=spread, found=SimpleNamespace(table=table)), gloss) == told
-    assert _gloss(SimpleNamespace(spread=None), gloss) == str(gloss)
+    gold = tiny_tables["gold-0.3"]
+    assert not gloss_of(gold).matt
+    assert said_of(gold, 1.0, 0.5) == str(gloss_of(gold))  # 1.645 of them do not reach zero
+    assert said_of(gold, 1.0, 0.7) == NOT_TOLD
+    assert _gloss(SimpleNamespace(spread=None), gloss_of(gold)) == str(gloss_of(gold))
+
+
+def test_a_highlight_whose_top_alone_is_not_told_is_described(tiny_tables):
+    gold = tiny_tables["gold-0.3"]
+    of_top = "; how bright in its very middle, this photograph does not tell"
+    assert said_of(gold, 1.0, 0.1, 0.7) == f"{gloss_of(gold)}{of_top}"
+    assert said_of(gold, 1.0, 0.1, 0.5) == str(gloss_of(gold))
+
+
+def test_a_surface_is_matt_where_a_highlight_as_bright_as_it_is_ruled_out(tiny_tables):
+    red = tiny_tables["red"]
+    beside = sum(gloss_of(red).beside) / (3 * pi)
+    assert said_of(red, beside, 0.5) == str(gloss_of(red))
+    assert said_of(red, beside, 0.7) == NOT_TOLD
+
+
+@pytest.mark.parametrize("width", [3.0, 40.0])
+def test_a_highlight_is_the_mean_over_its_solid_angle(width):
+    """Of exp(-theta_h^2 / 2 s^2) over 0.2, up to a: s^2 (1 - exp(-a^2 / 2 s^2)) 2 / a^2, less what lies beside.
+
+    a  the end of the cell that holds 6 degrees
+    """
+    theta_h = cell_centres()[0].ravel().rad2deg().double()
+    lobe = torch.exp(-(theta_h.square()) / (2 * width**2))
+    end = 23**2 / 90  # cells end at i^2 / 90 degrees
+    inside = (1 - exp(-(end**2) / (2 * width**2))) * 2 * width**2 / end**2
+    beside = float(lobe[(theta_h > 45) & (theta_h < 75)].mean())
+    assert float(highlight_row(0.2 + lobe[:, None])) == pytest.approx(inside - beside, rel=0.03)

@@ -43,7 +43,8 @@ def test_errors_of_the_capture_come_before_more_light_and_one_action_says_one_th
 def test_what_was_tried_is_not_recommended():
     assert sentence("unexplained", []).startswith("Fit again with `--align`; mask ")
     assert sentence("unexplained", ["--align", "--robust"]) == (
-        "Mask reflections of things near by, or check that the probe is of the photograph's room."
+        "Mask reflections of things near by, or check that the probe is of the photograph's room, and `--fov` that of "
+        "its camera."
     )
     assert sentence("clamped", []).endswith("fit again with `--constraint energy`.")
     assert sentence("clamped", ["--constraint energy"]) == ""

@@ -19,6 +19,7 @@ from torchbrdf.rendering.tables import render
 from torchbrdf.report._deviations import Spread, relative_spread, retroreflection_rows
 from torchbrdf.report._figures import SURROUND, log_range, on_grey, plane_of_incidence, signed_map, theta_h_curve
 from torchbrdf.report._silhouette_section import Scene
+from torchbrdf.report.doubts import Doubt
 from torchbrdf.report.evidence import (
     Evidence,
     Subject,
@@ -288,9 +289,11 @@ def test_the_warnings_of_an_average(probabilities, typical, expected):
         candidates=candidates, chosen=int(np.argmax(probabilities)), names=("a",), channel_errors=(), turned=None,
         weights=torch.tensor([[16.0], [-15.0]]).double().expand(2, 3), directional={}, probes=None,
         albedo=torch.zeros(4, 3),
-        spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), typical),
+        spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), torch.zeros(2, 3), typical),
+        known=(Doubt("camera", "said before"),),
     )  # fmt: skip
     assert evidence.averaged
+    assert [doubt.text for doubt in evidence.doubts] == ["said before", *evidence.warnings]
     assert len(evidence.warnings) == len(expected)
     for warning, start in zip(evidence.warnings, expected, strict=True):
         assert warning.startswith(start)

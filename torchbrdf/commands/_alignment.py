@@ -60,14 +60,11 @@ def seen_anew(sight: Sight, found: Alignment) -> Sight:
     )
 
 
-def warn_of_lamps(probe: LightProbe, found: Alignment | None) -> None:
-    """Say that lamps of the probe are clipped where nothing looks for their radiance, or how well it is told."""
-    if found is None:
-        if probe.lamps is not None and probe.lamps.certain:
-            _warn(f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance")
-    elif found.lamp is None:
+def warn_of_lamps(probe: LightProbe, found: Alignment) -> None:
+    """Say how well the radiance of clipped lamps of the probe is told."""
+    if found.lamp is None:
         return
-    elif found.lamp.clipped and found.lamp.confident:
+    if found.lamp.clipped and found.lamp.confident:
         worst = float(found.lamp.std.max())
         _warn(
             f"{probe.name}: {found.lamp.lamps.about}: their radiance, by one factor, is that which the photograph "

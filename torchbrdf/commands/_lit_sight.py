@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands import _alignment
+from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, warn_of
 from torchbrdf.commands._inputs import open_library, open_probe
 from torchbrdf.commands._reconstruction import Estimates
 from torchbrdf.commands._sight import read_observation
 from torchbrdf.lasting import LastFew
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
-from torchbrdf.report import Scene
+from torchbrdf.report import Doubt, Scene
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import View
 
@@ -35,6 +36,7 @@ class LitSight:
     basis        where the alignment rendered it, or a file holds it
     found        by the alignment; None where none is asked for
     scene        for the report; None where none is asked for: it holds the whole photograph
+    doubts       about the capture, which were said
     """
 
     observation: Observation
@@ -45,6 +47,7 @@ class LitSight:
     basis: BasisImages | None
     found: Alignment | None
     scene: Scene | None
+    doubts: tuple[Doubt, ...]
 
     def settings(self, options: argparse.Namespace) -> dict[str, str]:
         """For the report."""
@@ -77,12 +80,11 @@ class Inputs:
         return Estimates(self.library, options.penalty, options.constraint, options.robust)
 
     def probe(self, given: str) -> LightProbe:
-        """A probe as `--probe` takes it; when it is opened, says what there is to say of its lamps."""
+        """A probe as `--probe` takes it; when it is opened, says what is doubtful of it."""
 
         def opened() -> LightProbe:
             probe = open_probe(argparse.Namespace(**vars(self._options) | {"probe": given}))
-            if not self._options.align:
-                _alignment.warn_of_lamps(probe, None)
+            warn_of(doubts_of_light(probe, self._options.align))
             return probe
 
         return self._probes.get_or_make(given, opened)
@@ -94,7 +96,10 @@ def lit_sight(options: argparse.Namespace, inputs: Inputs) -> LitSight:
     if options.basis is not None and size is None:
         size = BasisImages.load(options.basis).size[1]
     sight = read_observation(options, size)  # first: the library may take long to open
+    doubts = doubts_of_sight(options, sight)
+    warn_of(doubts)
     probe, found = inputs.probe(options.probe), None
+    doubts += doubts_of_light(probe, options.align)
     light = ", ".join(filter(None, (probe.name.removeprefix("light probe "), probe.reading)))
     basis = None if options.basis is None else BasisImages.load(options.basis, inputs.library, probe, sight.view)
     observation = sight.observation
@@ -106,4 +111,4 @@ def lit_sight(options: argparse.Namespace, inputs: Inputs) -> LitSight:
         sight, probe, basis = _alignment.seen_anew(sight, found), found.probe, _alignment.basis_of(found)
         observation = _alignment.divided(sight.observation, found)
     scene = None if options.no_report else sight.scene
-    return LitSight(observation, sight.view, sight.about, probe, light, basis, found, scene)
+    return LitSight(observation, sight.view, sight.about, probe, light, basis, found, scene, tuple(doubts))

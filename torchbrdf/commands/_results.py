@@ -14,7 +14,7 @@ from torchbrdf.commands._lit_sight import LitSight
 from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
-from torchbrdf.report import Scene, doubts_without_pictures, write_report
+from torchbrdf.report import Doubt, Scene, doubts_without_pictures, write_report
 
 WEIGHTS = "weights.json"
 """Written last: where it is, the others are whole."""
@@ -123,11 +123,13 @@ def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Name
         _alignment.write(record, probe, lit.found, options.primaries)
     write_image(folder / ended("fitted.exr", name), fitted.image, primaries=options.primaries)
     if not options.no_report:
-        write_page(folder / ended(_REPORT, name), fitted, lit.settings(options), lit.scene)
+        write_page(folder / ended(_REPORT, name), fitted, lit.settings(options), lit.scene, lit.doubts)
 
 
-def write_page(path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scene | None) -> None:
-    """Write report.html, and warn of all that stands at its top."""
+def write_page(
+    path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scene | None, known: Sequence[Doubt] = ()
+) -> None:
+    """Write report.html, and warn of all that stands at its top but what is known of the capture and was said."""
     description = dict(settings) | {
         "penalty": str(fitted.estimator.penalty),
         "constraint": str(fitted.estimator.constraint or "none"),
@@ -142,7 +144,7 @@ def write_page(path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scen
         *([f"--constraint {constraint}"] if constraint else []),
     ]
     for doubt in write_report(
-        path, fitted.subject, description, observability=observability, scene=scene, tried=tried
+        path, fitted.subject, description, observability=observability, scene=scene, tried=tried, known=known
     ):
         warnings.warn(doubt, UserWarning, stacklevel=2)
 

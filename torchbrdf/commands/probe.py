@@ -69,6 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Unwrap a photograph of a mirror ball, or two, into a lat-long light probe in the frame of the first camera."""
+    from torchbrdf.commands._capture import FOV_KEY
     from torchbrdf.light import LightProbe
     from torchbrdf.light.mirror import unwrapped
 
@@ -80,7 +81,8 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     title = " and ".join(path.name for path in options.photos)
     probe = LightProbe(found.radiance, unknown_lamps=True, name=f"light of {title}")
     with writing(options.output) as temporary:
-        probe.save(temporary, options.primaries, {"mirrorBall": "; ".join((*sights, reflects, *_told(found)))})
+        about = {"mirrorBall": "; ".join((*sights, reflects, *_told(found)))}
+        probe.save(temporary, options.primaries, about | {FOV_KEY: f"{photographs[0].ball.camera.fov_deg:.4g}"})
     for line in (*sights, reflects, *_told(found)):
         findings.line(line)
     for warning in _doubts(options, found):

@@ -1,4 +1,4 @@
-"""Lamps that a picture of light may be too narrow for: its texels at the ceiling of their channel.
+"""What a picture of light may be too narrow for: its texels at the ceiling of their channel, of lamps or of more.
 
 Radiance is linear in theirs, so it is kept beside the whole, resampled alike: times a factor, it gives the probe whose
 lamp is brighter. Found among the picture's own pixels, before resampling blurs their plateau.
@@ -25,6 +25,12 @@ _LEAST_CONTRAST = 3.0
 _CERTAIN_TEXELS = 4
 _MOST_EQUAL = 0.1
 """Share of bright neighbours that hold the same numbers, up to which a picture is a photograph and not computed."""
+
+_PLACES = 128
+"""Along a row of a resampled picture: nearer ones may be of one texel of the file."""
+
+_FEWEST_PAIRS = 100
+"""Of such places, that tell which it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +107,30 @@ def lamps_of(picture: Tensor, weights: Tensor, infinite: Tensor | None = None) -
     )
 
 
+def clipped_share(radiance: Tensor, weights: Tensor) -> float:
+    """The share of the sphere that is clipped where that is more than lamps, as in a panorama of 8 bits; else 0.
+
+    radiance, weights  as for `lamps_of`, or resampled: regions so large keep their plateaus
+    """
+    values, weights = radiance.detach(), weights.expand(radiance.shape[1:])
+    flags, share = _at_maximum(values, weights)
+    one_level, other_regions = _cuts(values, flags)
+    told = (one_level and other_regions) or ((one_level or other_regions) and _photographed(values, flags.any(0)))
+    return share if share > LARGEST_SHARE and told else 0.0
+
+
+def _at_maximum(values: Tensor, weights: Tensor) -> tuple[Tensor, float]:
+    """(3, h, w) bool: the texels at the largest value of their channel; their share of the sphere."""
+    flags = (values >= values.amax((1, 2), keepdim=True) * (1 - _ROUNDING)) & (weights > 0)
+    return flags, float((weights * flags.any(0)).sum() / weights.sum())
+
+
 def _at_ceiling(values: Tensor, weights: Tensor) -> Tensor:
     """(3, h, w) bool: the texels that may be clipped; none where they are too many or too dim."""
-    ceiling = values.amax((1, 2), keepdim=True)
-    flags = (values >= ceiling * (1 - _ROUNDING)) & (weights > 0)
-    share = weights / weights.sum()
-    if float((share * flags.any(0)).sum()) > LARGEST_SHARE:
+    flags, of_sphere = _at_maximum(values, weights)
+    if of_sphere > LARGEST_SHARE:
         return torch.zeros_like(flags)
+    ceiling, share = values.amax((1, 2), keepdim=True), weights / weights.sum()
     flags &= ceiling > _LEAST_CONTRAST * (values * share).sum((1, 2), keepdim=True)
     wrapped = torch.cat([flags[..., -1:], flags, flags[..., :1]], -1).float()
     plateau = flags & (torch.nn.functional.avg_pool2d(wrapped, 3, 1, (1, 0)) > 1.5 / 9)
@@ -126,12 +149,27 @@ def _certain(values: Tensor, clipped: Tensor) -> bool:
     texels = clipped.any(0)
     if int(texels.sum()) < _CERTAIN_TEXELS:
         return False
+    equal, pairs = _equal_pairs(values, texels, 1)
+    return equal <= _MOST_EQUAL * pairs and any(_cuts(values, clipped))
+
+
+def _photographed(values: Tensor, texels: Tensor) -> bool:
+    """Whether what is bright beside some texels differs from place to place, as it does in no picture that was computed
+    of areas of one radiance."""
+    equal, pairs = _equal_pairs(values, texels, max(1, values.shape[2] // _PLACES))
+    return pairs >= _FEWEST_PAIRS and equal <= _MOST_EQUAL * pairs
+
+
+def _equal_pairs(values: Tensor, texels: Tensor, apart: int) -> tuple[int, int]:
+    """How many pairs of bright texels, of none of these and so many columns apart, hold the same; and how many are."""
     bright = (values.mean(0) > values.mean()) & ~texels
-    pairs = bright[:, 1:] & bright[:, :-1]
-    equal = (values[..., 1:] == values[..., :-1]).all(0) & pairs
-    if float(equal.sum()) > _MOST_EQUAL * float(pairs.sum()):
-        return False
+    pairs = bright[:, apart:] & bright[:, :-apart]
+    return int(((values[..., apart:] == values[..., :-apart]).all(0) & pairs).sum()), int(pairs.sum())
+
+
+def _cuts(values: Tensor, clipped: Tensor) -> tuple[bool, bool]:
+    """Whether the channels of what may be clipped end at one level, and whether they end over other regions."""
     levels = torch.where(clipped, values, 0).amax((1, 2))
     levels = levels[levels > 0]
     one_level = len(levels) > 1 and float(levels.max() - levels.min()) <= _ROUNDING * float(levels.max())
-    return one_level or bool((texels != clipped.all(0)).any())
+    return one_level, bool((clipped.any(0) != clipped.all(0)).any())

@@ -1,7 +1,10 @@
 from ._silhouette_section import Scene as Scene
 from .comparison import Comparison as Comparison
 from .comparison_page import write_comparison as write_comparison
-from .doubts import doubts_without_pictures as doubts_without_pictures
+from .doubts import (
+    Doubt as Doubt,
+    doubts_without_pictures as doubts_without_pictures,
+)
 from .evidence import Subject as Subject
 from .page import (
     plate as plate,

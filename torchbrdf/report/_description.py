@@ -17,7 +17,7 @@ _THETA_D = 30
 PEAK = 2
 """Cells in theta_h whose mean stands for the top of the highlight."""
 
-_BESIDE = (45.0, 75.0)
+BESIDE_DEG = (45.0, 75.0)
 """theta_h in degrees between which lies what is not highlight."""
 
 _NO_HIGHLIGHT = 1.5
@@ -56,9 +56,14 @@ class Gloss:
     contrast: float
     beside: tuple[float, float, float]
 
+    @property
+    def matt(self) -> bool:
+        """Whether there is no highlight to speak of."""
+        return self.contrast < _NO_HIGHLIGHT
+
     def __str__(self) -> str:
         """What it is, in words."""
-        if self.contrast < _NO_HIGHLIGHT:
+        if self.matt:
             return "Matt, without a highlight to speak of"
         word = next(word for width, word in _WIDTHS if self.width < width)
         reach = f"{self.width:.1f}°" if self.width >= _NARROWEST else f"less than {_NARROWEST:g}°"
@@ -84,7 +89,7 @@ def gloss_of(table: MerlTable) -> Gloss:
     """How glossy a BRDF is, from one row of its table."""
     curve = table.filled.reshape(*GRID, 3)[:, _THETA_D].double().mean(1).cpu().numpy()
     theta_h = np.degrees(cell_centres()[0].ravel().numpy())
-    flat = (theta_h > _BESIDE[0]) & (theta_h < _BESIDE[1])
+    flat = (theta_h > BESIDE_DEG[0]) & (theta_h < BESIDE_DEG[1])
     beside = np.median(curve[flat], axis=0)
     bright = curve @ np.asarray(LUMINANCE)
     rest, peak = float(np.median(bright[flat])), float(bright[:PEAK].mean())

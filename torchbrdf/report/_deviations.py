@@ -1,20 +1,25 @@
 """What a report shows of the posterior: standard deviations of pictures and of a curve."""
 
 from dataclasses import dataclass
+from math import radians
 
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID, MaterialLibrary
+from torchbrdf.brdf import GRID, MaterialLibrary, cell_centres
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_basis
+from torchbrdf.report._description import BESIDE_DEG
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import is_precomputed
 from torchbrdf.view import SphereView
 
 _SPREAD_SIZE, _SPREAD_SAMPLES = 48, 256
 """Of the basis images under another light, which the standard deviation needs; samples where they have to be drawn."""
+
+_HIGHLIGHT_DEG = 6.0
+"""theta_h within which f_r is averaged to tell a highlight: the normals of three pixels of a ball 64 across."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +29,14 @@ class Spread:
     observed  (1, H, W)  of the picture under the photograph's light, relative to it
     novel     (1, M, M)  of a sphere under another light, relative to it
     curve     (90, 3)    of f_r over theta_h at theta_d = 0, mean over phi_d, in 1/sr
+    highlight  (2, 3)    how much brighter f_r is there in the middle than beside, see `highlight_row`; its deviation
     typical   RMS of the deviation of the sphere over that of its radiance
     """
 
     observed: Tensor
     novel: Tensor
     curve: Tensor
+    highlight: Tensor
     typical: float
 
 
@@ -50,11 +57,14 @@ def gather_spread(
     others = render_basis(library, probe, SphereView(min(size, _SPREAD_SIZE)), samples=samples)
     radiance = torch.einsum("ns,nsp->sp", result.weights.detach().to(others.packed), others.packed).cpu()
     deviation = others.pack(result.image_std(others).cpu())
-    curve = result.posterior.std(retroreflection_rows(library)).T
+    rows = retroreflection_rows(library)
+    curve, lobe = result.posterior.std(rows).T, highlight_row(rows)
+    brighter = (lobe @ result.weights.detach().cpu().double(), result.posterior.std(lobe).T[0].cpu())
     return Spread(
         observed=relative_spread(result.image_std(basis).cpu(), fitted),
         novel=others.unpack(relative_spread(deviation, radiance)),
         curve=curve.cpu(),
+        highlight=torch.stack([each.reshape(3) for each in brighter]),
         typical=float(deviation.norm() / radiance.norm()),
     )
 
@@ -69,3 +79,14 @@ def retroreflection_rows(library: MaterialLibrary) -> Tensor:
     """(90, n) float64: every basis BRDF over theta_h in the first row of theta_d, mean over phi_d."""
     columns = library.stored.columns.view(*GRID, -1)[:, 0].float().mean(1).cpu().double()
     return (columns * library.stored.scale)[:, library.column_index]
+
+
+def highlight_row(rows: Tensor) -> Tensor:
+    """(1, n): how much brighter curves (90, n) over theta_h are in the highlight, mean by solid angle, than beside it.
+
+    Pixels average over angles like its, so a photograph tells this where it cannot tell a peak in its middle.
+    """
+    theta_h = cell_centres()[0].ravel().double()
+    inside = (theta_h < radians(_HIGHLIGHT_DEG)) * torch.sin(theta_h) * theta_h.sqrt()  # cells widen as theta_h^1/2
+    beside = ((theta_h > radians(BESIDE_DEG[0])) & (theta_h < radians(BESIDE_DEG[1]))).double()
+    return ((inside / inside.sum() - beside / beside.sum()) @ rows)[None]

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from html import escape
+from math import pi
 
 import torch
 from torch.nn.functional import avg_pool2d
@@ -22,6 +23,9 @@ from torchbrdf.view import SphereView, View
 
 _SMALL = 40
 """Pixels along a side of the pictures of materials that look alike, at most."""
+
+_UNLIKE = 0.05
+"""RMS of display values from which the nearest material is said to be unlike the photograph."""
 
 
 def first_screen(
@@ -55,6 +59,8 @@ def _good(evidence: Evidence) -> str:
         numbers.append(f"standard deviation under another light {_rounded(spread)}")
     links = [f'<a href="#{ADVICE[topic].anchor}">{ADVICE[topic].title}</a>' for topic in topics]
     numbers.append(f"Warned of: {', '.join(links)}" if links else "no warning")
+    if "no-unit" not in topics:
+        numbers.append("photograph and probe taken as in one unit")
     word = f'<b class="grade {grade.word.split()[0].lower()}">{grade.word}</b>'
     return (
         f'<div class="answer"><h2>Is it good?</h2><p class="said">{word} {grade.meaning}</p>'
@@ -67,7 +73,11 @@ def _pictures(evidence: Evidence, view: View) -> str:
     exposure, kind = exposure_for(evidence.photograph, used), kind_of("wide", view)
     sphere = SphereView(found.novel.shape[-1])
     shots = [
-        (picture(on_grey(evidence.photograph, exposure, used, shape), "photograph", exposure, kind), "Photograph", ""),
+        (
+            picture(on_grey(evidence.photograph, exposure, used, shape), "photograph", exposure, kind),
+            "Photograph",
+            ", grey where not used" if bool((shape & ~used).any()) else "",
+        ),
         (picture(on_grey(found.fitted, exposure, shape, shape), "fit", exposure, kind), "Fit", ", the same light"),
         (
             ball(found.novel, sphere, exposure_for(found.novel, sphere.mask), "under another light", "wide"),
@@ -91,19 +101,15 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
     exposure = exposure_for(evidence.photograph, evidence.used)
     alike = most_alike(evidence.found.fitted, evidence.used, exposure, basis)
     shots = "".join(_thumbnail(one, view, exposure) for one in alike)
-    gloss, best, albedo = gloss_of(evidence.found.table), evidence.best, evidence.albedo[0].tolist()
+    gloss, albedo = gloss_of(evidence.found.table), evidence.albedo[0].tolist()
     names = in_words([f"<b>{escape(alike[0].name)}</b>", *(escape(one.name) for one in alike[1:])])
     sentences = [
-        f"In this photograph it looks most like {names} of the library, shown in this order. The first’s pixels differ "
-        f"by {alike[0].difference:.1%} of white (RMS).",
+        f"In this photograph it looks {_like(alike[0].difference)} {names}, shown in this order. The first’s pixels "
+        f"differ by {alike[0].difference:.1%} of white (RMS).",
         f"{_gloss(evidence, gloss)}.",
         f"{_swatch(albedo)}Reflects {_shares(albedo)} of red, green, blue light from the front.",
-        f"{_swatch(gloss.beside)}Beside the highlight as a matt surface of {_shares(gloss.beside)}.",
+        f"{_swatch(gloss.beside)}The colour beside its highlight.",
     ]
-    if len(evidence.candidates) > 1:
-        sure = "best" if best.probability is None else f"{best.probability:.0%}"
-        by = in_words([escape(name) for name in best.leading])
-        sentences.append(f"Class {best.index} of {len(evidence.candidates)} ({sure}), whose own fit is mostly {by}.")
     if evidence.grade.word == "Poor":
         sentences.append('<span class="soft">So poor a result tells little of this for sure.</span>')
     text = "".join(f"<p>{sentence}</p>" for sentence in sentences)
@@ -111,12 +117,22 @@ def _what(evidence: Evidence, view: View, basis: BasisImages) -> str:
 
 
 def _gloss(evidence: Evidence, gloss: Gloss) -> str:
-    """How glossy the result is, unless its highlight may as well be none: its 90 % interval reaches zero."""
-    if evidence.spread is not None:
-        top = theta_h_curve(evidence.found.table)[:PEAK].mean()
-        if NINETY * float(evidence.spread.curve[:PEAK].mean()) > top:
-            return "How glossy it is, this photograph does not tell"
-    return str(gloss)
+    """How glossy the result is, as far as 90 % intervals of its highlight, and of the top of that, tell."""
+    spread = evidence.spread
+    if spread is None:
+        return str(gloss)
+    brighter, deviation = spread.highlight.mean(1).tolist()
+    least = sum(gloss.beside) / (3 * pi) if gloss.matt else brighter
+    if NINETY * deviation > least:
+        return "How glossy it is, this photograph does not tell"
+    top = theta_h_curve(evidence.found.table)[:PEAK].mean()
+    sure = gloss.matt or NINETY * float(spread.curve[:PEAK].mean()) <= top
+    return f"{gloss}{'' if sure else '; how bright in its very middle, this photograph does not tell'}"
+
+
+def _like(difference: float) -> str:
+    """How alike the nearest material is."""
+    return "most like" if difference < _UNLIKE else "like no material of the library; the nearest are"
 
 
 def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:

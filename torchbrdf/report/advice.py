@@ -9,7 +9,7 @@ from html import escape
 from typing import Literal, get_args
 
 Topic = Literal[
-    "unexplained", "clipped", "too-bright",
+    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "too-bright",
     "uncertain", "normals", "gloss", "grazing", "shadow",
     "class", "oscillation", "clamped",
 ]  # fmt: skip
@@ -48,7 +48,7 @@ ADVICE: dict[Topic, Advice] = {
             "fit again with `--align`",
             "mask reflections of things near by",
             "try `--robust`",
-            "check that the probe is of the photograph's room",
+            "check that the probe is of the photograph's room, and `--fov` that of its camera",
         ),
         "No material that the library can make looks like the photograph under this light. As a rule the light is "
         "not the one that the ball saw: a probe turned by two degrees makes the error five times as large. Clipped "
@@ -75,6 +75,50 @@ ADVICE: dict[Topic, Advice] = {
         "most of them.",
         "capture_guide.md#what-a-defect-costs",
         "Capture guide: what a defect costs",
+    ),
+    "clipped-light": Advice(
+        "The light probe is clipped",
+        (
+            "take shorter exposures of the light, too, and merge them; a panorama of 8 bits does not do",
+            "let `--align` find the radiance of clipped lamps",
+        ),
+        "The brightest part of the probe is of one value, which is that of the file or of the camera and not of the "
+        "light. Lamps and windows give most of the light of a room: without what is lost of them the BRDF comes out "
+        "too bright, and its highlights are those of another light.",
+        "Merge exposures of the mirror ball or the panorama of which the shortest is clipped nowhere. Where only lamps "
+        "are clipped, `--align` finds their radiance by what they light, one factor for all.",
+        "capture_guide.md#the-probe",
+        "Capture guide: the probe",
+    ),
+    "camera": Advice(
+        "The camera is not known",
+        (
+            "give `--fov`, the field of view of the whole photograph, or `--focal-mm` with `--sensor-mm`",
+        ),
+        "From close by a camera sees less than half of a ball, and off the middle of the picture it sees it from "
+        "another side and as an ellipse. Without a field of view the ball is taken as seen from infinity, straight "
+        "ahead. The result then explains the photograph with reflections that are off by several degrees, which other "
+        "light shows.",
+        "Give the horizontal field of view of the whole photograph, not of a crop, or focal length and sensor width. "
+        "Cameras write it into their files, and programs that edit these may drop it. For a lens far away, or of a "
+        "picture that was rendered without perspective, nothing is lost.",
+        "capture_guide.md#the-photograph",
+        "Capture guide: the photograph",
+    ),
+    "no-unit": Advice(
+        "The photograph has no unit",
+        (
+            "give the photograph in floating point, exposed and scaled as the probe is",
+            "`--align --exposure` finds the factor, roughly",
+        ),
+        "Files of whole numbers, of 8 or 16 bits, hold shares of the largest number. What that stands for no program "
+        "can know, so photograph and probe differ by a factor, and the BRDF by the same one. Its shape, its colour and "
+        "its gloss may be right; how much it reflects is not measured.",
+        "Have the raw file converted to floating point, by `torchbrdf merge` or another program that does not scale "
+        "it, with the exposure of the probe. A grey card in both tells the factor. `--align --exposure` finds one, "
+        "roughly.",
+        "inputs.md",
+        "Input files",
     ),
     "too-bright": Advice(
         "More light comes out than goes in",

@@ -122,6 +122,7 @@ class Evidence:
     distrust     why the shape tells too little (`BasisImages.distrust`), or None
     spread       None with a fixed penalty, which has no posterior
     albedo       (4, 3)  the result's `directional_albedo`
+    known        what is doubtful of the capture whatever came out
     """
 
     photograph: Tensor
@@ -138,6 +139,7 @@ class Evidence:
     albedo: Tensor
     distrust: str | None = None
     spread: Spread | None = None
+    known: tuple[Doubt, ...] = ()
 
     @property
     def averaged(self) -> bool:
@@ -161,12 +163,16 @@ class Evidence:
 
     @property
     def warnings(self) -> list[str]:
-        """What a reader should know before trusting the result, a sentence or two each."""
-        return [doubt.text for doubt in self.doubts]
+        """What a reader should know of the result before trusting it, a sentence or two each, beside what is known."""
+        return [doubt.text for doubt in self._found_doubts]
 
-    @cached_property
+    @property
     def doubts(self) -> list[Doubt]:
         """The reasons to doubt the result."""
+        return [*self.known, *self._found_doubts]
+
+    @cached_property
+    def _found_doubts(self) -> list[Doubt]:
         return doubts(
             error=self.found.error,
             classes=self.candidates,
@@ -195,11 +201,12 @@ class Evidence:
         return grade_of(self.found.error, self.typical_spread, [doubt.topic for doubt in self.doubts])
 
 
-def gather(subject: Subject, size: int, samples: int) -> Evidence:
+def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = ()) -> Evidence:
     """Tables and renderings of the result and of all candidates, on the CPU.
 
     size     pixels along a side of the spheres under light that was not observed
     samples  a pixel, for candidates where the library's harmonic transport was not precomputed
+    known    what is doubtful of the capture
     """
     result, basis, library, probe = subject.result, subject.basis, subject.library, subject.probe.to("cpu")
     used = subject.mask.cpu() & basis.mask.cpu()
@@ -265,6 +272,7 @@ def gather(subject: Subject, size: int, samples: int) -> Evidence:
         albedo=directional_albedo(found.table),
         distrust=basis.distrust,
         spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
+        known=tuple(known),
     )
 
 

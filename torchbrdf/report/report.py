@@ -5,7 +5,7 @@ light probes, under directional lights, and as curves.
 """
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from math import isfinite, log2
 
@@ -38,6 +38,7 @@ from torchbrdf.report._silhouette_section import Scene, silhouette_section
 from torchbrdf.report._slices import EXPLANATION as SLICE_EXPLANATION, slice_exposures, slice_figure
 from torchbrdf.report._spread import NINETY, spread_section
 from torchbrdf.report._warnings_section import warnings_section
+from torchbrdf.report.doubts import Doubt
 from torchbrdf.report.evidence import TURN_DEG, Evidence, Subject, gather
 from torchbrdf.report.page import definitions, page, plate, section
 from torchbrdf.view import SphereView, View
@@ -60,21 +61,23 @@ def write_report(
     observability: Observability | None = None,
     scene: Scene | None = None,
     tried: Collection[str] = (),
+    known: Sequence[Doubt] = (),
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> list[str]:
-    """Write one HTML file that opens offline, with everything inside; returns the warnings at its top.
+    """Write one HTML file that opens offline, with everything inside; returns what it warns of beside what is known.
 
     subject      the reconstruction and what it was made from
     description  settings to list, name -> value; a "title" becomes the title of the page
     observability  what the light and the view can tell at all, for a section of its own
     scene        the whole photograph of a ball, for a section of its own
     tried        options of `torchbrdf fit` that need not be recommended, as the result was made with them
+    known        what is doubtful of the capture, whatever came out
     size         pixels along a side of the spheres under other light
     samples      a pixel, for candidates where the library's harmonic transport was not precomputed
     The file is whole or absent.
     """
-    evidence, view = gather(subject, size, samples), subject.view
+    evidence, view = gather(subject, size, samples, known), subject.view
     settings = {key: str(value) for key, value in description.items()}
     title = settings.pop("title", "") or "BRDF from a photograph"
     acts = acts_on(evidence, () if observability is None else observability.gaps)

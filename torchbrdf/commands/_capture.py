@@ -1,0 +1,84 @@
+"""What is doubtful of a photograph or its light before anything is explained, for warnings and the report."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+
+from torchbrdf.commands._sight import Sight
+from torchbrdf.images import Window, read_metadata
+from torchbrdf.light import LightProbe
+from torchbrdf.photograph import Circle
+from torchbrdf.report import Doubt
+
+FOV_KEY = "mirrorBallFov"
+"""The attribute of a probe that `torchbrdf probe` wrote which holds its camera's field of view, in degrees."""
+
+_CROPPED = 0.02
+"""Of the radius: how far a ball's circle may be from the largest that a picture holds, which is cut to it."""
+
+
+def doubts_of_sight(options: argparse.Namespace, sight: Sight) -> list[Doubt]:
+    """What is doubtful of `options.photo`, under `options.probe`: its unit, its camera."""
+    found = []
+    if sight.photograph.full is not None and not (options.exposure or options.white_balance):
+        found.append(
+            Doubt(
+                "no-unit",
+                f"{options.photo}: its whole numbers are shares of the largest that the file can hold, in no unit of "
+                "the probe's, so how much the BRDF reflects is known up to one factor; give the photograph in "
+                "floating point, exposed and scaled as the probe is",
+            )
+        )
+    if isinstance(sight.silhouette, Circle):
+        fov = _fov_of(options.probe)
+        if fov is not None or not _cut_to(sight.silhouette, sight.photograph.size):
+            same = "" if fov is None else f"; the camera of its probe has one of {fov} degrees, --fov {fov}"
+            found.append(
+                Doubt(
+                    "camera",
+                    f"{options.photo}: neither --fov nor the file tells the camera's field of view, so the ball is "
+                    "taken as seen from infinity and straight ahead, and the BRDF is off where the camera was near or "
+                    f"the ball beside the middle; give that of the whole photograph{same}",
+                )
+            )
+    return found
+
+
+def doubts_of_light(probe: LightProbe, aligned: bool) -> list[Doubt]:
+    """What is doubtful of a probe: how bright it is where it is clipped.
+
+    aligned  an alignment looks for the radiance of its lamps
+    """
+    if share := probe.clipped_share:
+        text = (
+            f"{probe.name}: {share:.1%} of the sphere has its largest value, {float(probe.radiance.max()):g}, and "
+            "looks clipped, as in a panorama of 8 bits: what is brighter there is lost, and no BRDF is right without "
+            "it; give a probe with shorter exposures"
+        )
+        return [Doubt("clipped-light", text)]
+    if not aligned and probe.lamps is not None and probe.lamps.certain:
+        text = f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance"
+        return [Doubt("clipped-light", text)]
+    return []
+
+
+def warn_of(doubts: Iterable[Doubt]) -> None:
+    """Say each."""
+    for doubt in doubts:
+        warnings.warn(doubt.text, UserWarning, stacklevel=2)
+
+
+def _fov_of(probe: str) -> str | None:
+    """The field of view of the camera that photographed a probe's mirror ball, where its file says."""
+    path = Path(probe)
+    return read_metadata(path).get(FOV_KEY) if path.suffix.lower() == ".exr" and path.is_file() else None
+
+
+def _cut_to(circle: Circle, size: tuple[int, int]) -> bool:
+    """Whether a picture of so many rows and columns is a crop to the ball, of which no camera is told."""
+    height, width = size
+    whole = Circle.inscribed(Window(0, 0, width, height))
+    return height == width and whole.differs(circle) <= max(1.0, _CROPPED * circle.radius)
