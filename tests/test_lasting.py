@@ -1,9 +1,12 @@
 """What lasts longer than a call."""
 
+from pathlib import Path
+
 import pytest
 import torch
+from torch import Tensor
 
-from torchbrdf.lasting import LastFew, lasting
+from torchbrdf.lasting import LastFew, lasting, on_disk
 
 
 def test_what_is_made_in_inference_mode_enters_graphs_later():
@@ -29,3 +32,34 @@ def test_what_cannot_be_made_costs_nothing_that_was():
     with pytest.raises(ZeroDivisionError):
         kept.get_or_make("b", lambda: 1 / 0)
     assert dict(kept) == {"a": 1}
+
+
+class TestOnDisk:
+    @pytest.fixture
+    def cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+        monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path))
+        return tmp_path
+
+    def once(self, value: float, depends: object = 1) -> Tensor:
+        return on_disk("numbers", [depends], lambda: {"a": torch.full((3,), value).double()})["a"]
+
+    def test_what_was_made_is_read_for_what_it_depends_on(self, cache: Path) -> None:
+        assert self.once(1.0).tolist() == [1.0, 1.0, 1.0]
+        assert self.once(2.0).tolist() == [1.0, 1.0, 1.0]
+        assert self.once(2.0, depends=2).tolist() == [2.0, 2.0, 2.0]
+        assert len(list((cache / "numbers").glob("*.safetensors"))) == 2
+
+    @pytest.mark.parametrize(
+        "damage", [lambda whole: whole[:-3], lambda whole: whole[:-9] + b"!" + whole[-8:], bytes.upper]
+    )
+    def test_a_damaged_file_is_made_again(self, cache: Path, damage: object) -> None:
+        self.once(1.0)
+        (path,) = (cache / "numbers").iterdir()
+        path.write_bytes(damage(path.read_bytes()))
+        assert self.once(2.0).tolist() == [2.0, 2.0, 2.0]
+        assert self.once(3.0).tolist() == [2.0, 2.0, 2.0]
+
+    def test_where_none_can_be_written_it_is_made_every_time(self, cache: Path) -> None:
+        (cache / "numbers").write_text("no folder")
+        assert self.once(1.0).tolist() == [1.0, 1.0, 1.0]
+        assert self.once(2.0).tolist() == [2.0, 2.0, 2.0]

@@ -1,9 +1,16 @@
-"""What is made once and lasts longer than the call that needed it first."""
+"""What is made once and lasts longer than the call that needed it first: in memory, or on disk."""
 
-from collections.abc import Callable, Hashable
+import hashlib
+import json
+from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from typing import TypeVar
 
 import torch
+from torch import Tensor
+
+from torchbrdf._version import __version__
+from torchbrdf.files import cache_folder, writing
 
 Key = TypeVar("Key", bound=Hashable)
 Made = TypeVar("Made")
@@ -30,3 +37,39 @@ class LastFew(dict[Key, Made]):
                 del self[next(iter(self))]
             self[key] = made
         return self[key]
+
+
+def on_disk(kind: str, depends: Sequence[object], make: Callable[[], dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Named tensors that are made once for what they depend on, with this version and this PyTorch, and read after.
+
+    kind     names a folder of the cache
+    depends  numbers, words and lists of them
+    A damaged file is made again; where none can be written, the tensors are made every time.
+    """
+    from safetensors import SafetensorError, safe_open
+    from safetensors.torch import save_file
+
+    key = hashlib.sha256(json.dumps([__version__, torch.__version__, *depends]).encode()).hexdigest()
+    path = cache_folder() / kind / f"{key[:24]}.safetensors"
+    try:
+        with safe_open(path, "pt") as file:
+            metadata = file.metadata() or {}
+            known = {name: file.get_tensor(name) for name in sorted(file.keys())}
+        if metadata.get("checksum") == _checksum(key, known):
+            return known
+    except (OSError, SafetensorError):
+        pass
+    made = {name: tensor.contiguous() for name, tensor in sorted(make().items())}
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with writing(path) as temporary:
+            save_file(made, temporary, {"checksum": _checksum(key, made)})
+    return made
+
+
+def _checksum(key: str, tensors: dict[str, Tensor]) -> str:
+    digest = hashlib.sha256(key.encode())
+    for name, tensor in tensors.items():
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
+        digest.update(tensor.numpy().tobytes())
+    return digest.hexdigest()

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from torchbrdf.brdf import MaterialLibrary
-from torchbrdf.estimation._mixture_cache import remembered
 from torchbrdf.estimation.settings import N_CLASSES, N_DIMS
+from torchbrdf.lasting import on_disk
 
 _STARTS = 64
 _MAX_ITERATIONS = 1000
@@ -187,7 +187,7 @@ def _fitted(library: MaterialLibrary, x: Tensor, n_classes: int, seed: int, smal
     else:
         settings = [_STARTS, _MAX_ITERATIONS, _TOLERANCE, _COINCIDENT, _RELATIVE_FLOOR]
         depends = [library.source, library.names, n_classes, seed, smallest, *settings]
-        mixture = Mixture.from_tensors(remembered(depends, lambda: fit().tensors))
+        mixture = Mixture.from_tensors(on_disk("classes", depends, lambda: fit().tensors))
     return len(mixture.mixing), mixture
 
 

@@ -5,12 +5,13 @@ colours from all sides (in front, behind, above and below), so that materials of
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 
 import torch
 from torch import Tensor
 
+from torchbrdf.lasting import lasting, on_disk
 from torchbrdf.light.latlong import area_mean
 
 _SAMPLES_PER_PI = 640  # sub-samples from pole to pole: lamps keep their energy at every height
@@ -54,9 +55,15 @@ _LAMPS = (
 
 
 @lru_cache(maxsize=4)
+@lasting
 def studio_room(height: int) -> Tensor:
     """Radiance (3, height, 2 height) of the default light probe; not to be written to."""
-    return area_mean(_radiance, height, 2 * height, max(3, math.ceil(_SAMPLES_PER_PI / height)))
+
+    def made() -> dict[str, Tensor]:
+        return {"radiance": area_mean(_radiance, height, 2 * height, max(3, math.ceil(_SAMPLES_PER_PI / height)))}
+
+    scene = [_SAMPLES_PER_PI, _WALLS.tolist(), [astuple(panel) for panel in _PANELS], _LAMPS]
+    return on_disk("lights", [height, scene], made)["radiance"]
 
 
 def _radiance(directions: Tensor) -> Tensor:

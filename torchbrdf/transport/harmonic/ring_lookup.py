@@ -77,6 +77,31 @@ class RingLookup:
             found.append(_group(points, copies, *of_zone[term, zone.index], dual, places))
         return RingLookup(torch.argsort(order), tuple(found))
 
+    @property
+    def tensors(self) -> dict[str, Tensor]:
+        """All of it, group after group."""
+        seen = [group for group in self.groups if group is not None]
+        starts = [-1 if group is None else group.start for group in self.groups]
+        sizes = [[len(group.places), len(group.offsets)] for group in seen]
+        joined = {
+            name: torch.cat([getattr(group, name) for group in seen]) for name in ("places", "offsets", "weights")
+        }
+        return {"rank": self.rank, "starts": torch.tensor(starts), "sizes": torch.tensor(sizes), **joined}
+
+    @staticmethod
+    def from_tensors(tensors: dict[str, Tensor]) -> "RingLookup":
+        """The inverse of `tensors`."""
+        n_places, n_pixels = tensors["sizes"].T.tolist()
+        parts = zip(
+            tensors["places"].split(n_places),
+            tensors["offsets"].split(n_pixels),
+            tensors["weights"].split(n_places),
+            strict=True,
+        )
+        starts = tensors["starts"].tolist()
+        groups = [None if start < 0 else GroupLookup(start, *next(parts)) for start in starts]
+        return RingLookup(tensors["rank"], tuple(groups))
+
     def to(self, device: torch.device | str) -> "RingLookup":
         """On another device."""
         groups = [
@@ -84,6 +109,11 @@ class RingLookup:
             for g in self.groups
         ]
         return RingLookup(self.rank.to(device), tuple(groups))
+
+
+def lookup_settings() -> list[object]:
+    """What a lookup depends on beside the view, the grid and the groups."""
+    return [_POINTS, _SPREAD]
 
 
 def place_of(azimuth: Tensor, places: int) -> Tensor:
@@ -176,12 +206,19 @@ def _group(
         low = position.floor()
         part = (position - low)[:, None]
         present, index = torch.unique_consecutive(points.pixel[some], return_inverse=True)
-        total = torch.zeros(len(present) * places, n_rings, dtype=torch.float64)
-        for step, share in ((0, 1 - part), (1, part)):
-            total.index_add_(0, index * places + (low.long() + step) % places, by_ring * share)
-        total = total.view(len(present), places * n_rings)
-        row, column = torch.nonzero(total, as_tuple=True)
-        for found, more in ((rows, present[row]), (columns, column), (values, total[row, column])):
+        touches = [index * places + (low.long() + step) % places for step in range(2)]
+        touched_places = torch.zeros(len(present) * places, dtype=torch.bool)
+        for touch in touches:
+            touched_places[touch] = True
+        number = touched_places.cumsum(0) - 1  # of a place among those that points touch, which are few
+        total = torch.zeros(int(number[-1]) + 1, n_rings, dtype=torch.float64)
+        for touch, share in zip(touches, (1 - part, part), strict=True):
+            total.index_add_(0, number[touch], by_ring * share)
+        at, ring = torch.nonzero(total, as_tuple=True)
+        place = torch.nonzero(touched_places).ravel()[at]
+        for found, more in (
+            (rows, present[place // places]), (columns, place % places * n_rings + ring), (values, total[at, ring])
+        ):  # fmt: skip
             found.append(more)
     row, column, value = torch.cat(rows), torch.cat(columns), torch.cat(values).float()
     ends = torch.searchsorted(images.source, torch.tensor([start, stop]))

@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from torchbrdf.lasting import LastFew, lasting
+from torchbrdf.lasting import LastFew, lasting, on_disk
 from torchbrdf.transport.harmonic._kernels import Kernels
 from torchbrdf.transport.harmonic._polar_grid import PolarGrid
-from torchbrdf.transport.harmonic.grid import zones
+from torchbrdf.transport.harmonic.grid import settings, zones
 from torchbrdf.transport.harmonic.light import LightHarmonics
-from torchbrdf.transport.harmonic.ring_lookup import RingLookup
-from torchbrdf.transport.harmonic.views import in_perspective
+from torchbrdf.transport.harmonic.ring_lookup import RingLookup, lookup_settings
+from torchbrdf.transport.harmonic.views import in_perspective, recurs
 from torchbrdf.view import View
 
 _BRIEF = 128
@@ -60,7 +60,12 @@ class HarmonicTransport:
             zone = all_zones[group.zone]
             rings = range(group.first_ring, group.first_ring + group.n_rings)
             shapes.append((group.order, zone, rings, group.places))
-        return RingLookup.build(view, shapes).to(self.device)
+        if not recurs(view):
+            return RingLookup.build(view, shapes).to(self.device)
+        of_shapes = [[order, zone.index, rings.start, len(rings), places] for order, zone, rings, places in shapes]
+        depends = [view.fingerprint, of_shapes, settings(), lookup_settings()]
+        kept = on_disk("views", depends, lambda: RingLookup.build(view, shapes).tensors)
+        return RingLookup.from_tensors(kept).to(self.device)
 
     def _groups_of(self, view: View) -> tuple[Kernels, ...]:
         return self.groups + self.added if in_perspective(view) else self.groups

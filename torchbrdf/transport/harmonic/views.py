@@ -38,6 +38,11 @@ def in_perspective(view: View) -> bool:
     return type(view) is SphereView and view.fov_deg is not None
 
 
+def recurs(view: View) -> bool:
+    """Whether other photographs have the same view: spheres without perspective, of which there is one a size."""
+    return type(view) is SphereView and not in_perspective(view)
+
+
 def facing(view: View) -> tuple[View, Tensor | None]:
     """The view of a camera that looks at the middle of the shape, and the rotation (3, 3) from its frame to the view's.
 
