@@ -53,6 +53,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         got = render(fitted.table, novel, large)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
         names = sorted(path.name for path in folder.iterdir())
+    findings.line(f"a simulated photograph of {MATERIAL}, recovered from the {len(library.names)} other materials")
     findings.line(summary(fitted))
     error = relative_rms(got, expected, large.mask)
     findings.line(f"relative error under a light it was not observed under {error:.2%}")
