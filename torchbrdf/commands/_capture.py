@@ -20,10 +20,13 @@ _CROPPED = 0.02
 """Of the radius: how far a ball's circle may be from the largest that a picture holds, which is cut to it."""
 
 
-def doubts_of_sight(options: argparse.Namespace, sight: Sight) -> list[Doubt]:
-    """What is doubtful of `options.photo`, under `options.probe`: its unit, its camera."""
+def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = False) -> list[Doubt]:
+    """What is doubtful of `options.photo`, under `options.probe`: its unit, its camera.
+
+    exposed  an alignment looks for its exposure
+    """
     found = []
-    if sight.photograph.full is not None and not (options.exposure or options.white_balance):
+    if sight.photograph.full is not None and not exposed:
         found.append(
             Doubt(
                 "no-unit",
@@ -47,7 +50,7 @@ def doubts_of_sight(options: argparse.Namespace, sight: Sight) -> list[Doubt]:
     return found
 
 
-def doubts_of_light(probe: LightProbe, aligned: bool) -> list[Doubt]:
+def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
     """What is doubtful of a probe: how bright it is where it is clipped.
 
     aligned  an alignment looks for the radiance of its lamps

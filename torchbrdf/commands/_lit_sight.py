@@ -96,7 +96,7 @@ def lit_sight(options: argparse.Namespace, inputs: Inputs) -> LitSight:
     if options.basis is not None and size is None:
         size = BasisImages.load(options.basis).size[1]
     sight = read_observation(options, size)  # first: the library may take long to open
-    doubts = doubts_of_sight(options, sight)
+    doubts = doubts_of_sight(options, sight, options.exposure or options.white_balance)
     warn_of(doubts)
     probe, found = inputs.probe(options.probe), None
     doubts += doubts_of_light(probe, options.align)
