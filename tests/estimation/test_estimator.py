@@ -487,6 +487,35 @@ class TestModule:
         assert_same(estimator(image), before)
         assert torch.equal(estimator.packed, basis.packed)
 
+    @pytest.mark.parametrize("assign", [False, True])
+    def test_loading_a_state_changes_no_one_else(self, basis: BasisImages, assign: bool):
+        """Neither the basis images and classes that an estimator was made from, nor others that were made from them."""
+        classes, image = classes_of(), some_images()
+        loaded, sibling = BRDFEstimator(basis, classes), BRDFEstimator(basis, classes)
+        packed, labels, expected = basis.packed.clone(), classes.labels.clone(), sibling(image)
+        other = BRDFEstimator(synthetic(seed=1), classes_of(LABELS[::-1]))
+        answer = other(image)
+        loaded.load_state_dict(other.state_dict(), assign=assign)
+        assert_same(loaded(image), answer)
+        assert_same(BRDFEstimator(basis, classes)(image), expected, rtol=0)
+        assert_same(sibling(image), expected, rtol=0)
+        loaded.load_state_dict(sibling.state_dict())
+        assert torch.equal(basis.packed, packed)
+        assert torch.equal(classes.labels, labels)
+        assert_same(other(image), answer, rtol=0)
+
+    def test_classes_load_into_tensors_of_their_own(self):
+        first, other = classes_of(), classes_of(LABELS[::-1])
+        twin = copy.copy(first)
+        twin.load_state_dict(other.state_dict())
+        assert torch.equal(twin.labels, other.labels)
+        assert torch.equal(first.labels, torch.tensor(LABELS))
+
+    def test_casting_an_estimator_leaves_the_classes_of_others_alone(self, basis: BasisImages):
+        classes = classes_of()
+        BRDFEstimator(basis, classes).float()
+        assert classes.norms.dtype == torch.float64
+
     def test_copies_work(self, any_estimator: BRDFEstimator):
         image = some_images()
         expected = any_estimator(image)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, fields, replace
 from math import log, pi
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.settings import N_CLASSES, N_DIMS
+from torchbrdf.estimation.shared_buffers import SharedBuffers
 from torchbrdf.lasting import on_disk
 
 _STARTS = 64
@@ -191,7 +192,7 @@ def _fitted(library: MaterialLibrary, x: Tensor, n_classes: int, seed: int, smal
     return len(mixture.mixing), mixture
 
 
-class MaterialClasses(nn.Module):
+class MaterialClasses(SharedBuffers):
     """Which of K material classes each basis BRDF belongs to [CBP21, sec. IV].
 
     mixing (K,), means (K, N), covariances (K, N, N)  the mixture, in the coordinates U~^T B
@@ -251,6 +252,12 @@ class MaterialClasses(nn.Module):
     def single(cls, library: MaterialLibrary) -> "MaterialClasses":
         """All basis BRDFs in one class: the paper's single-class comparison (its Fig. 5)."""
         return cls.fit(library, n_classes=1)
+
+    def __copy__(self) -> "MaterialClasses":
+        """Another module of the same tensors: moved, cast or loaded, either leaves the other as it is."""
+        twin = MaterialClasses.__new__(MaterialClasses)
+        twin.__dict__.update(self.__dict__, _buffers=dict(self._buffers))
+        return twin
 
     @property
     def n_classes(self) -> int:

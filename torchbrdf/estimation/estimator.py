@@ -2,11 +2,12 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
@@ -20,6 +21,7 @@ from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances
 from torchbrdf.estimation.reconstruction import Reconstruction
 from torchbrdf.estimation.rehearsal import Rehearsal, rehearse
 from torchbrdf.estimation.settings import CONSTRAINTS, DEFAULT_PENALTY, PAPER_PENALTY, Constraint, Penalty
+from torchbrdf.estimation.shared_buffers import SharedBuffers
 from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 from torchbrdf.lasting import lasting
@@ -50,7 +52,7 @@ class _Solution:
     evidence: Explanation | None = None
 
 
-class BRDFEstimator(nn.Module):
+class BRDFEstimator(SharedBuffers):
     """The BRDF of a photographed shape as a combination of basis BRDFs.
 
     basis       Y, the basis images under the light and from the view of the photograph; a sequence of them for several
@@ -106,7 +108,7 @@ class BRDFEstimator(nn.Module):
         self.names, self.library = bases[0].names, bases[0].library
         self.probe, self.view = (" ".join(getattr(one, key) for one in bases) for key in ("probe", "view"))
         self.several = not isinstance(basis, BasisImages)
-        self.classes = classes
+        self.classes = copy(classes)
         self.register_buffer("packed", bases[0].packed if len(bases) == 1 else torch.cat([b.packed for b in bases], -1))
         for i, one in enumerate(bases):
             self.register_buffer(f"mask_{i}", one.mask)
