@@ -511,6 +511,22 @@ class TestModule:
         assert torch.equal(twin.labels, other.labels)
         assert torch.equal(first.labels, torch.tensor(LABELS))
 
+    @pytest.mark.parametrize("used", [False, True])
+    def test_a_cast_to_a_half_type_changes_no_weight(self, any_estimator: BRDFEstimator, used: bool):
+        image, fresh = some_images(), copy.deepcopy(any_estimator)
+        if used:
+            fresh(image)
+        assert_same(fresh.bfloat16()(image), any_estimator(image), rtol=0)
+        assert_same(fresh.half().float()(image.float()), any_estimator(image.float()), rtol=1e-5)
+
+    @pytest.mark.parametrize("used", [False, True])
+    def test_a_cast_to_float64_and_back(self, any_estimator: BRDFEstimator, used: bool):
+        image, cast = some_images(), copy.deepcopy(any_estimator)
+        if used:
+            cast(image)
+        assert_same(cast.to(torch.float64)(image), any_estimator(image))
+        assert_same(cast.to(torch.float32)(image), any_estimator(image), rtol=1e-5)
+
     def test_casting_an_estimator_leaves_the_classes_of_others_alone(self, basis: BasisImages):
         classes = classes_of()
         BRDFEstimator(basis, classes).float()
