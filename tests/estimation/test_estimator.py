@@ -300,8 +300,10 @@ class TestBatches:
     def test_precision_follows_the_photograph(self, any_estimator: BRDFEstimator):
         image = some_images(2)
         single, double = any_estimator(image.float()), any_estimator(image)
-        for field in ("class_weights", "class_errors", "energy", "image"):
+        for field in ("weights", "class_weights", "class_probabilities", "relative_error", "image"):
             assert getattr(single, field).dtype == torch.float32
+        for field in ("class_errors", "error", "energy"):  # squares
+            assert getattr(single, field).dtype == torch.float64
             assert getattr(double, field).dtype == torch.float64
         assert torch.allclose(single.weights.double(), double.weights, rtol=1e-4, atol=1e-5)
 
@@ -380,6 +382,48 @@ class TestMasks:
         assert float(dirty.grad[outside_view].abs().max()) == 0
         assert torch.allclose(dirty.grad, image.grad)
         assert float(dirty.grad.abs().max()) > 0
+
+
+class TestRelativeError:
+    """Squares of what float32 holds leave float32 beyond 1e19 and below 1e-23."""
+
+    @pytest.mark.parametrize("exponent", [-100, -80, 0, 64, 100])
+    def test_a_photograph_in_float32_is_explained_as_well_as_in_float64(self, any_estimator, exponent: int):
+        image = some_images(2).float() * 2.0**exponent
+        single, double = any_estimator(image), any_estimator(image.double())
+        assert single.relative_error.dtype == torch.float32
+        assert float(double.relative_error.min()) > 0.01
+        for field in ("relative_error", "error", "energy", "class_errors"):
+            assert torch.allclose(getattr(single, field).double(), getattr(double, field), rtol=1e-3, atol=0), field
+
+    def test_a_hot_pixel_is_seen(self, estimator: BRDFEstimator, basis: BasisImages):
+        image = some_images().float()
+        row, column = torch.nonzero(basis.mask[0])[3].tolist()
+        image[:, row, column] = 1e20
+        assert float(estimator(image).relative_error) == pytest.approx(
+            float(estimator(image.double()).relative_error), rel=1e-3
+        )
+        assert float(estimator(image).relative_error) > 0.5
+
+    @pytest.mark.parametrize(("error", "told"), [(float("nan"), "nan%"), (float("inf"), "inf%"), (0.0, "0.00%")])
+    def test_only_a_perfect_fit_has_none(self, estimator: BRDFEstimator, error: float, told: str):
+        result = replace(estimator(some_images()), error=torch.tensor(error, dtype=torch.float64))
+        assert f"relative error {told})" in repr(result)
+        assert float(result.relative_error) == pytest.approx(error, nan_ok=True)
+
+    @pytest.mark.parametrize("exponent", [-80, 0])
+    def test_gradients_in_float32_are_those_in_float64(self, estimator: BRDFEstimator, exponent: int):
+        scaled = some_images().float() * 2.0**exponent
+        images = [scaled.requires_grad_(), scaled.detach().double().requires_grad_()]
+        single, double = (torch.autograd.grad(estimator(image).relative_error, image)[0].double() for image in images)
+        assert float((single - double).norm() / double.norm()) < 1e-3
+
+    def test_a_perfect_fit_has_a_finite_gradient(self, estimator: BRDFEstimator):
+        image = some_images().requires_grad_()
+        result = estimator(image)
+        perfect = replace(result, error=result.error - result.error.detach())
+        assert float(perfect.relative_error.detach()) == 0
+        assert torch.equal(torch.autograd.grad(perfect.relative_error, image)[0], torch.zeros_like(image))
 
 
 class TestGradients:

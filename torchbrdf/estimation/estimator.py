@@ -206,20 +206,19 @@ class BRDFEstimator(SharedBuffers):
 
         errors, probabilities = gathered("errors"), gathered("probabilities")
 
-        def shaped(values: Tensor) -> Tensor:
-            values = values.to(y.dtype) if values.is_floating_point() else values
-            return values.reshape((*batch, *values.shape[1:]))
+        def shaped(values: Tensor, dtype: torch.dtype = y.dtype) -> Tensor:
+            return values.to(dtype).reshape((*batch, *values.shape[1:]))
 
         images = tuple(shaped(one) for one in frames.unpack(gathered("fitted")))
         evidence = tuple(one.evidence for one in solutions if one.evidence is not None)
         return Reconstruction(
             weights=shaped(gathered("weights")),
             class_weights=shaped(gathered("class_weights")),
-            class_errors=shaped(errors[:, 1:]),
+            class_errors=shaped(errors[:, 1:], torch.float64),
             class_probabilities=shaped(probabilities),
-            class_index=shaped(probabilities.argmax(1)),
-            error=shaped(errors[:, 0]),
-            energy=shaped(_squared_norm(y)),
+            class_index=shaped(probabilities.argmax(1), torch.int64),
+            error=shaped(errors[:, 0], torch.float64),
+            energy=shaped(_squared_norm(y), torch.float64),
             image=images if self.several else images[0],
             names=self.names,
             library=self.library,

@@ -19,12 +19,13 @@ class Reconstruction:
 
     weights        (*batch, n, 3)     rho = B w, one column a colour channel [CBP21, eq. 1]
     class_weights  (*batch, K, n, 3)  the candidate of every class, 0 for basis BRDFs of other classes
-    class_errors   (*batch, K)        |Y w - y|^2 of every candidate over the pixels used [CBP21, eq. 19]
+    class_errors   (*batch, K)        |Y w - y|^2 of every candidate over the pixels used [CBP21, eq. 19]; squares are
+                                      float64 whatever the photograph's precision, in which those of 1e20 have no place
     class_probabilities (*batch, K)   of the classes, given that the material is of one of them; with a fixed penalty,
                                       which has no probabilities, 1 for the class that was chosen
     class_index    (*batch)           int64, the most probable class
-    error          (*batch)           |Y w - y|^2 of the weights
-    energy         (*batch)           |y|^2 over the pixels used
+    error          (*batch)           |Y w - y|^2 of the weights, float64
+    energy         (*batch)           |y|^2 over the pixels used, float64
     image          (*batch, 3, H, W)  Y w: the photograph as the weights explain it; a tuple of them for several
                                       photographs of one material
     names          the materials behind the n = 3 len(names) weights
@@ -51,9 +52,10 @@ class Reconstruction:
 
     @property
     def relative_error(self) -> Tensor:
-        """(*batch): |Y w - y| / |y|. Small does not mean right: see `class_errors`, `posterior`."""
+        """(*batch): |Y w - y| / |y| in the photograph's precision. Small does not mean right: see `posterior`."""
         share = self.error / self.energy
-        return torch.where(share > 0, torch.where(share > 0, share, 1).sqrt(), 0)  # no gradient from a residual of 0
+        perfect = share == 0  # no gradient from a residual of 0
+        return torch.where(perfect, 0, torch.where(perfect, 1, share).sqrt()).to(self.weights.dtype)
 
     def __repr__(self) -> str:
         """Which class, how probable, how much of the photograph is left; of a batch how many there are."""
