@@ -1,12 +1,13 @@
 """What lasts longer than a call."""
 
+import copy
 from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
-from torchbrdf.lasting import LastFew, lasting, on_disk
+from torchbrdf.lasting import LastFew, LastMade, lasting, on_disk
 
 
 def test_what_is_made_in_inference_mode_enters_graphs_later():
@@ -63,3 +64,34 @@ class TestOnDisk:
         (cache / "numbers").write_text("no folder")
         assert self.once(1.0).tolist() == [1.0, 1.0, 1.0]
         assert self.once(2.0).tolist() == [2.0, 2.0, 2.0]
+
+
+def test_what_was_made_of_tensors_lasts_until_one_changes():
+    made, kept = [], LastMade()
+    a, b = torch.zeros(2), torch.ones(2)
+
+    def sums(*tensors: torch.Tensor) -> float:
+        return kept.get_or_make(tensors, lambda: made.append(1) or float(sum(one.sum() for one in tensors)))
+
+    assert [sums(a, b), sums(a, b), len(made)] == [2, 2, 1]
+    assert [sums(b, a), sums(b), sums(b.clone()), len(made)] == [2, 2, 2, 4]
+    assert [sums(a, b), len(made)] == [2, 5]
+    a += 1
+    assert [sums(a, b), sums(a, b), len(made)] == [4, 4, 6]
+
+
+def test_what_was_made_of_tensors_of_inference_mode_lasts():
+    made, kept = [], LastMade()
+    with torch.inference_mode():
+        a = torch.zeros(2)
+    for _ in range(2):
+        kept.get_or_make([a], lambda: made.append(1))
+    assert made == [1]
+
+
+def test_a_copy_keeps_what_was_made_of_the_tensors_that_are_copied_with_it():
+    made, kept, a = [], LastMade(), torch.zeros(2)
+    kept.get_or_make([a], lambda: made.append(1) or "made")
+    again, b = copy.deepcopy((kept, a))
+    assert again.get_or_make([b], lambda: made.append(1)) == "made"
+    assert made == [1]

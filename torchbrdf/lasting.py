@@ -2,9 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from contextlib import suppress
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import torch
 from torch import Tensor
@@ -73,3 +73,23 @@ def _checksum(key: str, tensors: dict[str, Tensor]) -> str:
         digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
         digest.update(tensor.numpy().tobytes())
     return digest.hexdigest()
+
+
+class LastMade(Generic[Made]):
+    """What was made last of some tensors, until one of them is replaced or written into."""
+
+    def __init__(self) -> None:
+        """Nothing is made yet."""
+        self._last: tuple[list[tuple[Tensor, int]], Made] | None = None
+
+    def get_or_make(self, tensors: Iterable[Tensor], make: Callable[[], Made]) -> Made:
+        """What was made of these very tensors, in the state in which they are; else it is made now."""
+        states = [(one, 0 if one.is_inference() else one._version) for one in tensors]
+        last = self._last  # another thread may replace it
+        if last is None or not _are_same(last[0], states):
+            last = self._last = states, make()
+        return last[1]
+
+
+def _are_same(before: list[tuple[Tensor, int]], now: list[tuple[Tensor, int]]) -> bool:
+    return len(before) == len(now) and all(a is b and v == w for (a, v), (b, w) in zip(before, now, strict=True))

@@ -506,6 +506,52 @@ class TestModule:
             warnings.simplefilter("error")
             estimator.load_state_dict(BRDFEstimator(basis, classes_of()).state_dict())
 
+    @pytest.mark.parametrize("part", ["packed", "_extra_state"])
+    def test_basis_images_and_what_they_show_are_loaded_together(self, basis: BasisImages, part: str):
+        """As from a file that holds tensors only; of the same basis images that is enough."""
+        pipeline = nn.ModuleDict({"estimate": BRDFEstimator(basis, classes_of())})
+        other = nn.ModuleDict({"estimate": BRDFEstimator(replace(synthetic(seed=1), probe="other"), classes_of())})
+        image, without = some_images(), f"estimate.{part}"
+        expected = pipeline["estimate"](image)
+        with pytest.raises(
+            ValueError, match=r"holds only one of other basis images and what they show, estimate\.packed and estim"
+        ):
+            pipeline.load_state_dict({k: v for k, v in other.state_dict().items() if k != without}, strict=False)
+        pipeline.load_state_dict({k: v for k, v in pipeline.state_dict().items() if k != without}, strict=False)
+        assert pipeline["estimate"].probe == "P"
+        assert_same(pipeline["estimate"](image), expected)
+
+    def test_a_state_without_the_estimator_leaves_it_as_it_is(self, basis: BasisImages):
+        pipeline = nn.ModuleDict({"estimate": BRDFEstimator(basis, classes_of())})
+        image = some_images()
+        expected = pipeline["estimate"](image)
+        pipeline.load_state_dict({}, strict=False)
+        assert_same(pipeline["estimate"](image), expected, rtol=0)
+
+    @pytest.mark.parametrize("masked", [False, True])
+    @pytest.mark.parametrize("way", ["replaced", "overwritten", "called"])
+    def test_other_basis_images_take_effect(self, any_estimator: BRDFEstimator, way: str, masked: bool):
+        """What was made of those before is not used on."""
+        image, other = some_images(), synthetic(seed=1)
+        mask = some_masks() if masked else None
+        expected = BRDFEstimator(other, classes_of(), **settings_of(any_estimator))(image, mask)
+        before = any_estimator(image, mask)
+        if way == "called":
+            assert_same(torch.func.functional_call(any_estimator, {"packed": other.packed}, (image, mask)), expected)
+            assert_same(any_estimator(image, mask), before)
+            return
+        if way == "replaced":
+            any_estimator.packed = other.packed
+        else:
+            any_estimator.packed.copy_(other.packed)
+        assert_same(any_estimator(image, mask), expected)
+
+    def test_other_classes_take_effect(self, any_estimator: BRDFEstimator, basis: BasisImages):
+        image, labels = some_images(), LABELS[::-1]
+        any_estimator(image)
+        any_estimator.classes.labels = torch.tensor(labels)
+        assert_same(any_estimator(image), BRDFEstimator(basis, classes_of(labels), **settings_of(any_estimator))(image))
+
     def test_repr_tells_lights_apart(self, basis: BasisImages):
         lit = (replace(basis, probe=probe) for probe in ("0123456789ab", "ba9876543210"))
         first, second = (repr(BRDFEstimator(one, classes_of())) for one in lit)

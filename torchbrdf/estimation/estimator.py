@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import torch
@@ -17,14 +17,15 @@ from torchbrdf.estimation.image_space import ImageSpace
 from torchbrdf.estimation.masked_photographs import check_observation, groups_by_mask
 from torchbrdf.estimation.observability import Observability, observability
 from torchbrdf.estimation.posterior import PosteriorBatch
-from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances
+from torchbrdf.estimation.priors import PriorBank, prior_variances
 from torchbrdf.estimation.reconstruction import Reconstruction
 from torchbrdf.estimation.rehearsal import Rehearsal, rehearse
 from torchbrdf.estimation.settings import CONSTRAINTS, DEFAULT_PENALTY, PAPER_PENALTY, Constraint, Penalty
 from torchbrdf.estimation.shared_buffers import SharedBuffers
 from torchbrdf.estimation.smooth_errors import smooth_errors
+from torchbrdf.estimation.solution import Solution
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
-from torchbrdf.lasting import lasting
+from torchbrdf.lasting import LastMade, lasting
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import Frames
 
@@ -34,22 +35,6 @@ OUTLIER = 8.0
 """With `robust`, pixels whose residual is above this many robust standard deviations are left out."""
 
 _ROUNDS = 5
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Of B photographs: weights (B, n, 3) and class candidates (B, K, n, 3).
-
-    fitted (B, 3, P) shows the weights; errors (B, 1 + K) of them and of the candidates over the pixels used
-    probabilities (B, K); optimality (B, 3) of a constraint; evidence: what a posterior is made from
-    """
-
-    weights: Tensor
-    class_weights: Tensor
-    fitted: Tensor
-    errors: Tensor
-    probabilities: Tensor
-    optimality: Tensor
-    evidence: Explanation | None = None
 
 
 class BRDFEstimator(SharedBuffers):
@@ -113,11 +98,25 @@ class BRDFEstimator(SharedBuffers):
         for i, one in enumerate(bases):
             self.register_buffer(f"mask_{i}", one.mask)
         self._bounds = EnergyBounds.of(library) if constraint == "energy" and library is not None else None
-        self._factors: list[GramFactor] | None = None
-        self._bank: PriorBank | None = None
-        self._masked_bank: tuple[Tensor, PriorBank] | None = None
-        self.register_load_state_dict_pre_hook(_check_state)
-        self.register_load_state_dict_post_hook(_forget_factors)
+        self._factors: LastMade[list[GramFactor]] = LastMade()
+        self._bank: LastMade[PriorBank] = LastMade()
+        self._masked_bank: tuple[PriorBank, Tensor, PriorBank] | None = None
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
+        """Refuse a state for other materials, or of a light that it does not name, before any of it is copied."""
+        origin, packed = state_dict.get(f"{prefix}_extra_state"), state_dict.get(f"{prefix}packed")
+        if origin is not None and (origin["library"], origin["names"]) != (self.library, " ".join(self.names)):
+            raise ValueError("this state_dict belongs to an estimator with another material library")
+        if packed is None:
+            known = origin is None or origin == self.get_extra_state()
+        else:
+            known = origin is not None or torch.equal(packed.to(self.packed), self.packed)
+        if not known:
+            raise ValueError(
+                f"this state_dict holds only one of other basis images and what they show, {prefix}packed and "
+                f"{prefix}_extra_state; load the whole state of an estimator, or leave all of it out"
+            )
+        super()._load_from_state_dict(state_dict, prefix, *rest)
 
     def get_extra_state(self) -> dict[str, str]:
         """The fingerprints of what a state_dict was made from."""
@@ -147,14 +146,15 @@ class BRDFEstimator(SharedBuffers):
     @property
     @lasting
     def bank(self) -> PriorBank:
-        """The factored priors of the whole view, made at first use and once a device."""
-        if self._bank is None or self._bank.variances.device != self.packed.device:
-            frames = self.frames
-            space = ImageSpace.of(self.packed, frames.sizes, smooth_errors(frames.masks))
-            device = self.packed.device
-            variances = prior_variances(self.classes.membership.to(device), self.classes.norms.to(device), space)
-            self._bank, self._masked_bank = PriorBank.of(space, variances), None
-        return self._bank
+        """The factored priors of the whole view, made at first use and anew for other buffers."""
+        return self._bank.get_or_make(self.buffers(), self._make_bank)
+
+    def _make_bank(self) -> PriorBank:
+        frames, device = self.frames, self.packed.device
+        space = ImageSpace.of(self.packed, frames.sizes, smooth_errors(frames.masks))
+        return PriorBank.of(
+            space, prior_variances(self.classes.membership.to(device), self.classes.norms.to(device), space)
+        )
 
     def rehearse(self, novel: Sequence[BasisImages]) -> Rehearsal:
         """How far off photographs of the library's own materials would be under other light, see `rehearsal`.
@@ -253,11 +253,11 @@ class BRDFEstimator(SharedBuffers):
             return self.bank.space.render(self._bank_of(used).explain(y[..., used]).mean, y.dtype)
         return self._choose(y.double(), used).fitted
 
-    def _solve(self, y: Tensor, used: Tensor) -> _Solution:
+    def _solve(self, y: Tensor, used: Tensor) -> Solution:
         """Photographs y (B, 3, P) that share the pixels used (P,)."""
         return self._average(y, used) if self.penalty == "auto" else self._choose(y.double(), used)
 
-    def _average(self, y: Tensor, used: Tensor) -> _Solution:
+    def _average(self, y: Tensor, used: Tensor) -> Solution:
         """Posterior mean over all priors and penalties."""
         bank, whole = self._bank_of(used), bool(used.all())
         found = bank.explain(y if whole else y[..., used])
@@ -271,7 +271,7 @@ class BRDFEstimator(SharedBuffers):
         residual = y - fitted if whole else (y - fitted)[..., used]
         error = _squared_norm(residual)[:, None]
         growth = bank.space.growth(residual, weights[:, None] - class_weights)
-        return _Solution(
+        return Solution(
             weights=weights.mT,
             class_weights=class_weights.mT,
             fitted=fitted,
@@ -287,11 +287,12 @@ class BRDFEstimator(SharedBuffers):
         whole = self.bank
         if bool(used.all()):
             return whole
-        if self._masked_bank is None or not torch.equal(self._masked_bank[0], used):
-            self._masked_bank = used, whole.masked(used)
-        return self._masked_bank[1]
+        last = self._masked_bank  # another thread may replace it
+        if last is None or last[0] is not whole or not torch.equal(last[1], used):
+            last = self._masked_bank = whole, used, whole.masked(used)
+        return last[2]
 
-    def _choose(self, y: Tensor, used: Tensor) -> _Solution:
+    def _choose(self, y: Tensor, used: Tensor) -> Solution:
         """One solve per class with a fixed penalty; the best class wins [CBP21, eqs. 19, 26]."""
         whole = bool(used.all())
         basis = self.packed if whole else self.packed[..., used]
@@ -318,7 +319,7 @@ class BRDFEstimator(SharedBuffers):
         fitted = torch.einsum("bkns,nsp->bksp", class_weights, self.packed.double())
         errors = torch.where(used, fitted - y[:, None], 0).square().sum((-2, -1))
         best, row = errors.argmin(1), torch.arange(len(y), device=y.device)
-        return _Solution(
+        return Solution(
             weights=class_weights[row, best],
             class_weights=class_weights,
             fitted=fitted[row, best],
@@ -329,26 +330,12 @@ class BRDFEstimator(SharedBuffers):
 
     @lasting
     def _class_factors(self, basis: Tensor, cached: bool) -> list[GramFactor]:
-        """The factors of all classes; those of the unmasked basis are made once a device."""
-        if not cached:
-            return [GramFactor.of(basis[self.classes.members(j)]) for j in range(self.classes.n_classes)]
-        if self._factors is None or self._factors[0].values.device != basis.device:
-            self._factors = self._class_factors(basis, cached=False)
-        return self._factors
+        """The factors of all classes; those of the unmasked basis are made once, and anew for other buffers."""
+        if cached:
+            return self._factors.get_or_make(self.buffers(), lambda: self._class_factors(basis, cached=False))
+        return [GramFactor.of(basis[self.classes.members(j)]) for j in range(self.classes.n_classes)]
 
 
 def _squared_norm(image: Tensor) -> Tensor:
     """Sum of squares over the last two axes, in float64."""
     return torch.linalg.vector_norm(image, dim=(-2, -1), dtype=torch.float64).square()
-
-
-def _check_state(module: BRDFEstimator, state: Mapping[str, Any], prefix: str, *_: object) -> None:
-    """Refuse a state_dict for other materials before any of it is copied."""
-    origin = state.get(f"{prefix}_extra_state")
-    if origin is not None and (origin["library"], origin["names"]) != (module.library, " ".join(module.names)):
-        raise ValueError("this state_dict belongs to an estimator with another material library")
-
-
-def _forget_factors(module: BRDFEstimator, _: object) -> None:
-    """The factors of the basis images that a state_dict has just replaced are stale."""
-    module._factors = module._bank = module._masked_bank = None
