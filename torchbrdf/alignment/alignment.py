@@ -18,7 +18,7 @@ from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
 from torchbrdf.alignment.silhouette import CLEAR, FoundSilhouette, find, guessed
-from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.brdf import MaterialLibrary, without_autocast
 from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
 from torchbrdf.images import luminance
@@ -143,6 +143,7 @@ class Alignment:
         return f"light probe {what}{blurred} ({certainty}{warning}){lit}{exposed}{seen}"
 
 
+@without_autocast
 def align(
     image: Tensor,
     probe: LightProbe,

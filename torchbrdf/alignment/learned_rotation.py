@@ -7,6 +7,7 @@ import torch
 from kornia.geometry.liegroup import So3
 from torch import Tensor, nn
 
+from torchbrdf.brdf import without_autocast
 from torchbrdf.light import checked_rotation
 from torchbrdf.transport.harmonic import HarmonicBasis
 
@@ -32,6 +33,7 @@ class LearnedRotation(nn.Module):
         self.turn = nn.Parameter(torch.zeros(3))
 
     @property
+    @without_autocast
     def rotation(self) -> Tensor:
         """(3, 3): as `LightProbe.rotated` takes it, differentiable."""
         return So3.exp(self.turn[None]).matrix()[0] @ self.start

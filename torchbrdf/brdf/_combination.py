@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
+from torchbrdf.brdf.autocast import without_autocast
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS
 from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns
 
@@ -14,6 +15,7 @@ _SPARSE = 16
 """Where fewer than one column in so many has a weight, those are gathered; else converting all of them is faster."""
 
 
+@without_autocast
 def combined(stored: StoredColumns, columns: Tensor, weights: Tensor, keep: bool = True) -> list[Tensor]:
     """K times B w (N_CELLS, 3) float32 on the CPU, what is below zero set to zero.
 

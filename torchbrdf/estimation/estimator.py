@@ -9,7 +9,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.brdf import MaterialLibrary, without_autocast
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.constraints import constrain
 from torchbrdf.estimation.energy_bounds import EnergyBounds
@@ -156,6 +156,7 @@ class BRDFEstimator(SharedBuffers):
             space, prior_variances(self.classes.membership.to(device), self.classes.norms.to(device), space)
         )
 
+    @without_autocast
     def rehearse(self, novel: Sequence[BasisImages]) -> Rehearsal:
         """How far off photographs of the library's own materials would be under other light, see `rehearsal`.
 
@@ -163,6 +164,7 @@ class BRDFEstimator(SharedBuffers):
         """
         return rehearse(self.packed.cpu(), Frames(tuple(mask.cpu() for mask in self.frames.masks)), novel, self.classes)
 
+    @without_autocast
     def observability(
         self, library: MaterialLibrary | None = None, novel: Sequence[BasisImages] = ()
     ) -> Observability:
@@ -174,6 +176,7 @@ class BRDFEstimator(SharedBuffers):
         told = observability(self.bank, self.classes, library)
         return replace(told, rehearsal=self.rehearse(novel)) if novel else told
 
+    @without_autocast
     def forward(
         self, image: Tensor | Sequence[Tensor], mask: Tensor | Sequence[Tensor | None] | None = None
     ) -> Reconstruction:

@@ -11,6 +11,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from torchbrdf.brdf import without_autocast
 from torchbrdf.estimation.priors import Explanation
 
 UNMODELLED = 0.01
@@ -114,6 +115,7 @@ class Posterior:
         kept = (values.cumsum(-1) > TAIL * values.sum(-1, keepdim=True)).any(0)
         return (v * inverse[:, None]) @ (vectors * values.sqrt()[:, None])[..., kept]
 
+    @without_autocast
     def std(self, rows: Tensor, factor: Tensor | None = None) -> Tensor:
         """Standard deviations of linear functions of the weights, such as pixels and cells of the BRDF.
 

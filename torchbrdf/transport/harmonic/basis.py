@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.brdf import MaterialLibrary, without_autocast
 from torchbrdf.light import LightProbe, checked_rotation
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.harmonic.cache import transport_of
@@ -67,6 +67,7 @@ class HarmonicBasis:
             checked_rotation(rotation)
         return self.named(self.packed_at(rotation), rotation)
 
+    @without_autocast
     def packed_at(self, rotation: Tensor | None, columns: Sequence[int] | None = None) -> Tensor:
         """(n, 3, P) of `basis_at`, by a rotation that is one; of some columns in place of all n."""
         light = self._light_at(rotation)
@@ -85,6 +86,7 @@ class HarmonicBasis:
         turn = ",".join(f"{value:.9g}" for value in rotation.detach().flatten().tolist())
         return replace(basis, probe=f"{self.probe.fingerprint} turned by {turn}")
 
+    @without_autocast
     def image_at(self, weights: Tensor, rotation: Tensor | None = None) -> Tensor:
         """(3, P): Y w under the turned probe, for weights (n, 3), without the other basis images.
 
@@ -93,6 +95,7 @@ class HarmonicBasis:
         self._check(weights, rotation)
         return self._images(self._light_at(rotation), weights)[0]
 
+    @without_autocast
     def images_of(self, weights: Tensor) -> Tensor:
         """(K, 3, H, W): K images Y w under the probe as it is, for weights (K, n, 3).
 
@@ -106,6 +109,7 @@ class HarmonicBasis:
         whole = self._whole(weights)
         return self.view.unpack(self.transport.pictured(self._light_at(None), self._facing, whole))
 
+    @without_autocast
     def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
         """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MerlTable
+from torchbrdf.brdf import MerlTable, without_autocast
 from torchbrdf.light import LightProbe
 from torchbrdf.transport.harmonic._polar_grid import PolarGrid
 from torchbrdf.transport.harmonic._seen_tables import SeenTable
@@ -19,6 +19,7 @@ from torchbrdf.view import View
 _LOST = 1e-7
 """Share of the light's energy that may be lost in frequencies of azimuth."""
 
+@without_autocast
 def table_pictures(
     table: MerlTable, lights: Sequence[tuple[LightProbe, Tensor | None]], view: View, detail: Detail = EXACT
 ) -> Tensor:

@@ -1,0 +1,126 @@
+"""The public calls give what they give alone, whatever precision torch is told to prefer around them."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+
+import pytest
+import torch
+from torch import Tensor
+
+import torchbrdf as tb
+from torchbrdf.alignment import LearnedRotation
+from torchbrdf.brdf.autocast import without_autocast
+from torchbrdf.transport.harmonic import HarmonicBasis
+from turns import turn_about
+
+TURN = turn_about((1, 2, -0.5), 25)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A photograph of red plastic and what explains it, made where torch prefers nothing."""
+
+    library: tb.MaterialLibrary
+
+    @cached_property
+    def probe(self) -> tb.LightProbe:
+        return tb.LightProbe.default(32)
+
+    @cached_property
+    def view(self) -> tb.SphereView:
+        return tb.SphereView(16)
+
+    @cached_property
+    def basis(self) -> tb.BasisImages:
+        return tb.render_basis(self.library, self.probe, self.view, samples=64)
+
+    @cached_property
+    def table(self) -> tb.MerlTable:
+        return self.library.combine(self.weights)
+
+    @cached_property
+    def weights(self) -> Tensor:
+        return torch.rand(self.library.n, 3, generator=torch.Generator().manual_seed(1)).double() / self.library.n
+
+    @cached_property
+    def photograph(self) -> Tensor:
+        return tb.render(self.table, self.probe, self.view, samples=64)
+
+    @cached_property
+    def classes(self) -> tb.MaterialClasses:
+        return tb.MaterialClasses.fit(self.library, n_classes=2, n_dims=2)
+
+    @cached_property
+    def result(self) -> tb.Reconstruction:
+        return self.estimate()
+
+    def estimate(self, **settings: object) -> tb.Reconstruction:
+        return tb.BRDFEstimator(self.basis, self.classes, **settings)(self.photograph)
+
+
+CALLS: dict[str, Callable[[Capture], Tensor]] = {
+    "probe": lambda of: tb.LightProbe.default(32).radiance,
+    "view": lambda of: tb.SphereView(16).normals,
+    "render": lambda of: tb.render(of.table, of.probe, tb.SphereView(16)),
+    "render, sampled": lambda of: tb.render(of.table, of.probe, tb.SphereView(16), samples=64),
+    "render_basis": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16)).packed,
+    "render_basis, sampled": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16), samples=64).packed,
+    "basis_at": lambda of: HarmonicBasis(of.library, of.probe, of.view).basis_at(TURN).packed,
+    "image_at": lambda of: HarmonicBasis(of.library, of.probe, of.view).image_at(of.weights, TURN),
+    "images_of": lambda of: HarmonicBasis(of.library, of.probe, of.view).images_of(of.weights[None]),
+    "change_at": lambda of: HarmonicBasis(of.library, of.probe, of.view).change_at(of.weights, TURN),
+    "classes": lambda of: tb.MaterialClasses.fit(of.library, n_classes=2, n_dims=2).responsibilities,
+    "weights": lambda of: of.estimate().weights,
+    "image": lambda of: of.estimate().image,
+    "robust": lambda of: of.estimate(robust=True).image,
+    "fixed penalty": lambda of: of.estimate(penalty="paper").weights,
+    "energy": lambda of: of.estimate(constraint="energy", library=of.library).weights,
+    "relative_error": lambda of: of.estimate().relative_error,
+    "brdf": lambda of: of.result.brdf(of.library).values,
+    "brdf_std": lambda of: of.result.brdf_std(of.library),
+    "image_std": lambda of: of.result.image_std(of.basis),
+    "observability": lambda of: tb.BRDFEstimator(of.basis, of.classes).observability(of.library).seen,
+    "rehearse": lambda of: torch.tensor(tb.BRDFEstimator(of.basis, of.classes).rehearse([of.basis]).error),
+    "fit_analytic": lambda of: torch.cat(list(tb.fit_analytic(of.table, "ggx").parameters.values())),
+    "fit_analytic_to_image": lambda of: torch.cat(
+        list(tb.fit_analytic_to_image(of.photograph, of.probe, of.view, "ggx").parameters.values())
+    ),
+    "align": lambda of: tb.align(of.photograph, of.probe, of.view, of.library).rotation,
+    "LearnedRotation": lambda of: LearnedRotation(HarmonicBasis(of.library, of.probe, of.view), TURN)(of.weights),
+}
+
+
+@contextmanager
+def autocast() -> Iterator[None]:
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        yield
+
+
+@pytest.fixture(scope="module")
+def capture(precomputed_library: tb.MaterialLibrary) -> Capture:
+    made = Capture(precomputed_library)
+    assert torch.isfinite(made.result.weights).all()
+    return made
+
+
+@pytest.fixture(scope="module")
+def alone(capture: Capture) -> dict[str, Tensor]:
+    return {name: call(capture) for name, call in CALLS.items()}
+
+
+@pytest.mark.parametrize("around", [autocast], ids=lambda around: around.__name__)
+@pytest.mark.parametrize("name", CALLS)
+def test_a_call_gives_what_it_gives_alone(capture: Capture, alone: dict[str, Tensor], name: str, around) -> None:
+    with around():
+        found = CALLS[name](capture)
+    assert found.dtype == alone[name].dtype
+    torch.testing.assert_close(found, alone[name], rtol=1e-5, atol=1e-6, equal_nan=True)
+
+
+def test_autocast_goes_on_after_a_call() -> None:
+    ones = torch.ones(2, 2)
+    with autocast():
+        assert without_autocast(torch.mm)(ones, ones).dtype == torch.float32
+        assert torch.mm(ones, ones).dtype == torch.bfloat16
