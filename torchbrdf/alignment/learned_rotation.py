@@ -28,9 +28,9 @@ class LearnedRotation(nn.Module):
         """Start without a turn."""
         super().__init__()
         self.light = light
-        start = torch.eye(3) if rotation is None else checked_rotation(rotation).float()
+        start = torch.eye(3, dtype=torch.float32) if rotation is None else checked_rotation(rotation).float()
         self.register_buffer("start", start)
-        self.turn = nn.Parameter(torch.zeros(3))
+        self.turn = nn.Parameter(torch.zeros(3, dtype=torch.float32))
 
     @property
     @without_autocast

@@ -29,8 +29,8 @@ def combined(stored: StoredColumns, columns: Tensor, weights: Tensor, keep: bool
     if not gathered:
         scaled = scaled.new_zeros(len(scaled), n).index_add_(1, columns, scaled)
     scaled = scaled.to(device, torch.float32)
-    values = [torch.empty(N_CELLS, 3) for _ in weights]
-    buffer = torch.empty(_BLOCK_CELLS, scaled.shape[1], device=device)
+    values = [torch.empty(N_CELLS, 3, dtype=torch.float32) for _ in weights]
+    buffer = torch.empty(_BLOCK_CELLS, scaled.shape[1], dtype=torch.float32, device=device)
     for start, rows in stored.blocks(_BLOCK_CELLS, keep):
         buffer.copy_(rows[:, columns] if gathered else rows)
         product = _product(buffer, scaled).clamp_min_(0).cpu()

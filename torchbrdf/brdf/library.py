@@ -303,7 +303,7 @@ class MaterialLibrary:
         function  rows (N, n), see `rows` -> (N, 3)
         Cells below the horizon, which nothing can measure, are 0.
         """
-        values, lit = torch.zeros(N_CELLS, 3), above_horizon().ravel()
+        values, lit = torch.zeros(N_CELLS, 3, dtype=torch.float32), above_horizon().ravel()
         for start in range(0, N_CELLS, ROW_CELLS):
             cells = start + torch.nonzero(lit[start : start + ROW_CELLS]).ravel()
             values[cells] = function(self.rows(cells)).to(values)

@@ -92,7 +92,7 @@ def _photographs(packed: Tensor, errors: Tensor) -> Tensor:
     drawn = torch.randn(len(own), errors.shape[1], 1, generator=generator, dtype=torch.float64)
     size = errors.square().sum(1).max().sqrt()
     shared = (SHARED / size * errors @ drawn)[..., 0][:, None]
-    return own * (1 + shared + NOISE * torch.randn(own.shape, generator=generator))
+    return own * (1 + shared + NOISE * torch.randn(own.shape, generator=generator, dtype=torch.float32))
 
 
 def _errors(packed: Tensor, weights: Tensor) -> Tensor:

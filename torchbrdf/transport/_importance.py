@@ -57,8 +57,8 @@ class Lobes:
     def _blurred(cls, squared: Tensor) -> "Lobes":
         """Means of the squares over discs of half vectors, by quadrature; then their root."""
         theta_h = _row_angles(squared.device)[:, None, None]
-        rho = torch.sqrt((torch.arange(8, device=squared.device) + 0.5) / 8)[:, None]
-        cos_phi = torch.cos((torch.arange(8, device=squared.device) + 0.5) * (pi / 8))
+        rho = torch.sqrt((torch.arange(8, dtype=torch.float32, device=squared.device) + 0.5) / 8)[:, None]
+        cos_phi = torch.cos((torch.arange(8, dtype=torch.float32, device=squared.device) + 0.5) * (pi / 8))
         levels = []
         for level in range(_LEVELS):
             r = _FINEST * 2**level * rho
@@ -69,7 +69,7 @@ class Lobes:
 
 
 def _row_angles(device: torch.device) -> Tensor:
-    return ((torch.arange(GRID[0], device=device) + 0.5) / GRID[0]).square() * (pi / 2)
+    return ((torch.arange(GRID[0], dtype=torch.float32, device=device) + 0.5) / GRID[0]).square() * (pi / 2)
 
 
 def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Tensor) -> Tensor:
@@ -78,7 +78,8 @@ def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Te
     Light times cosine times lobe, each a mean over the pixel and the stratum. It is 0 only where all points of
     the stratum lie below the horizon of the whole pixel.
     """
-    corners = torch.tensor([[0.5, 0.0, 1.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0, 1.0]], device=pixels.device)
+    places = [[0.5, 0.0, 1.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0, 1.0]]
+    corners = torch.tensor(places, dtype=torch.float32, device=pixels.device)
     points = view.surface(pixels, *corners[:, None].expand(2, len(pixels), 5))
     n, w_o = points.normals[..., :1], points.view_dirs[..., :1]
     spread = torch.acos((n * points.normals).sum(0).amin(1, keepdim=True).clamp(-1, 1))

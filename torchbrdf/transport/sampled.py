@@ -62,7 +62,7 @@ def render_columns(
 ) -> Tensor:
     """(3, P, n): the images of columns (N_CELLS, n), in their units."""
     plan = plan_transport(columns, probe, view, samples, seed, adaptive)
-    packed = torch.empty(3, len(view.pixels), columns.shape[1], device=columns.device)
+    packed = torch.empty(3, len(view.pixels), columns.shape[1], dtype=torch.float32, device=columns.device)
     with progress_bar(total=len(view.pixels), desc="basis images", unit="px", shown=progress) as bar:
         for chosen, transport in plan.blocks():
             packed[:, chosen] = gather_columns(transport, columns)

@@ -207,7 +207,7 @@ def _mirrored(normal: Tensor, w_o: Tensor, theta_h: Tensor, phi_h: Tensor) -> Te
 
 def _tangents(n: Tensor) -> tuple[Tensor, Tensor]:
     """Two unit vectors (3, ...) orthogonal to unit vectors n (3, ...) and to each other [DBCHKLV17]."""
-    sign = torch.where(n[2] >= 0, 1.0, -1.0)
+    sign = 2 * (n[2] >= 0).to(n) - 1
     a = -1 / (sign + n[2])
     c = n[0] * n[1] * a
     t = torch.stack([1 + sign * n[0] * n[0] * a, sign * c, -sign * n[0]])

@@ -92,7 +92,7 @@ class View(ABC):
 
     @cached_property
     def _centres(self) -> SurfacePoints:
-        centre = torch.full((len(self.pixels), 1), 0.5)
+        centre = torch.full((len(self.pixels), 1), 0.5, dtype=torch.float32)
         return self.surface(self.pixels, centre, centre)
 
     @cached_property
@@ -102,7 +102,7 @@ class View(ABC):
         Of the cells of a grid on the disc that a sphere fills in an image, those into which a normal falls, turned
         as if its pixel lay in the middle of the image. A plane fills one cell, a cube three at most.
         """
-        places = (torch.arange(_COVERAGE_PLACES) + 0.5) / _COVERAGE_PLACES
+        places = (torch.arange(_COVERAGE_PLACES, dtype=torch.float32) + 0.5) / _COVERAGE_PLACES
         some = self.pixels[:: -(-len(self.pixels) // _COVERAGE_PIXELS)]
         u, v = (place.expand(len(some), -1) for place in torch.cartesian_prod(places, places).T)
         points = self.surface(some, u, v)
@@ -112,7 +112,7 @@ class View(ABC):
         disc = torch.stack([(points.normals * axis).sum(0).flatten() for axis in (x, y)])
         cells = ((disc + 1) * (_COVERAGE_CELLS / 2)).long().clamp_(0, _COVERAGE_CELLS - 1)
         found = len(torch.unique(cells[0] * _COVERAGE_CELLS + cells[1]))
-        centres = (torch.arange(_COVERAGE_CELLS) + 0.5) * (2 / _COVERAGE_CELLS) - 1
+        centres = (torch.arange(_COVERAGE_CELLS, dtype=torch.float32) + 0.5) * (2 / _COVERAGE_CELLS) - 1
         return min(1.0, found / int((centres[:, None].square() + centres.square() <= 1).sum()))
 
     def pack(self, image: Tensor) -> Tensor:

@@ -175,7 +175,7 @@ class _Group:
         scale = self._scale(first_row, parts.shape[3])
         low_high = self._bands(parts, scale, mixtures)
         places = 4 * (low_high[-1][1] // 2 + 1)
-        interpolated = torch.sinc(torch.arange(self.zone.frequencies) / places).square()
+        interpolated = torch.sinc(torch.arange(self.zone.frequencies, dtype=torch.float32) / places).square()
         pairs = []
         total = torch.zeros(mixtures.shape[1], mixtures.shape[1], dtype=torch.float64)
         for low, high in low_high:
@@ -267,9 +267,9 @@ class _Group:
         weights = (samples.weights[..., None, None] * by_row[..., None] * by_delta[..., None, :]).float()
         n_nodes = (high - low) * line
         r = values.shape[1]
-        moments = torch.zeros(len(self.rings), n_nodes * 2 * r)
+        moments = torch.zeros(len(self.rings), n_nodes * 2 * r, dtype=torch.float32)
         for some in torch.arange(len(samples.weights)).split(max(1, _BLOCK // (n_nodes * 2 * r))):
-            spread = torch.empty(len(some), n_nodes * 2 * r)
+            spread = torch.empty(len(some), n_nodes * 2 * r, dtype=torch.float32)
             for row, q in zip(spread, some.tolist(), strict=True):
                 seen = samples.weights[q] != 0
                 columns = nodes[q][seen].reshape(-1, SUPPORT**2)

@@ -43,7 +43,7 @@ class PolarGrid:
         """Dark, as fine as the finest of the zones."""
         self._finest = max(zones, key=lambda zone: zone.rows)
         rows = _PER_INTERVAL * self._finest.intervals + 1
-        self._series = torch.zeros(rows, pictures, self._finest.frequencies, 2, device=device)
+        self._series = torch.zeros(rows, pictures, self._finest.frequencies, 2, dtype=torch.float32, device=device)
 
     def add(self, zone: Zone, rings: range, series: Tensor) -> None:
         """Add (G, C, M, 2), real and imaginary parts on a group of rings, as moments over the image."""
@@ -73,7 +73,8 @@ class PolarGrid:
         """(C, H, A + 1), the first of A azimuths repeated at the end; a picture at a time, for the memory."""
         rows, pictures, frequencies = self._series.shape[:3]
         places = _PLACES * (frequencies - 1)
-        between = torch.sinc(torch.arange(frequencies, device=self._series.device) / places).square()
+        frequency = torch.arange(frequencies, dtype=torch.float32, device=self._series.device)
+        between = torch.sinc(frequency / places).square()
         radiance = self._series.new_empty(pictures, rows, places + 1)
         for i in range(pictures):
             waves = torch.view_as_complex(self._series[:, i]) / between  # what interpolation between places costs
@@ -89,7 +90,7 @@ class PolarGrid:
         found = []
         for n in points.unique().tolist():
             for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
-                places, lit = self._places(view, pixels[some], (torch.arange(n) + 0.5) / n, shape)
+                places, lit = self._places(view, pixels[some], (torch.arange(n, dtype=torch.float32) + 0.5) / n, shape)
                 found.append((some, places.float(), lit / n**2))  # a normal that faces away is dark
         return found
 
@@ -123,7 +124,7 @@ def _values_to_rows(finest: Zone, zone: Zone) -> Tensor:
 
 def _points_of(view: View, pixels: Tensor) -> Tensor:
     """(P,) int64: how many points along a side of each pixel."""
-    normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98]))[0]
+    normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float32))[0]
     reach = 2 * (normals - normals[..., 4:5])[:2].norm(dim=0).amax(1)
     counts = torch.tensor(_POINTS)
     return counts[torch.bucketize(reach / _SPACING, counts).clamp_max(len(counts) - 1)]

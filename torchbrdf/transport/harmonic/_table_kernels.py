@@ -126,7 +126,7 @@ class Reflections:
 
     def _nodes(self, seen: Tensor) -> Tensor:
         """(line, E, G, 3): f_r (N, 3) on the nodes of azimuth and elevation."""
-        each = torch.empty(len(seen), SUPPORT, 3)
+        each = seen.new_empty(len(seen), SUPPORT, 3)
         for i in range(3):  # an eighth of the time that broadcasting takes
             torch.mul(self.by_row, seen[:, i : i + 1], out=each[:, :, i])
         spread = torch.from_numpy(self.spread @ each.flatten(1).numpy()).view(self.line, -1, self.count, SUPPORT, 3)

@@ -73,7 +73,7 @@ class HarmonicBasis:
         light = self._light_at(rotation)
         few = self.n if columns is None else len(columns)
         if few <= _FEW:
-            weights = torch.eye(self.n)[:, slice(None) if columns is None else columns]
+            weights = torch.eye(self.n, dtype=torch.float32)[:, slice(None) if columns is None else columns]
             return self.transport.blended(light, self._facing, self._whole(weights))
         packed = self.transport.packed(light, self._facing, self._columns)
         return packed if columns is None else packed[columns]

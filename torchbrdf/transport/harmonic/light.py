@@ -72,14 +72,14 @@ class TurningLight:
         turned = self._turned(rotation)
         series = turned.series[..., : 2 + max(spectrum.shape[2] for spectrum in turned.spectra)]
         slope = _slope(series)
-        beta = (torch.arange(self.lines, device=series.device) + 0.5) * (pi / self.lines)
+        beta = (torch.arange(self.lines, dtype=torch.float32, device=series.device) + 0.5) * (pi / self.lines)
         about = torch.arange(series.shape[-1], device=series.device) / torch.tan(beta)[:, None] * series
         up, down = about - slope, about + slope
         before, after = torch.cat([-down[..., 1:2].conj(), up[..., :-2]], -1), down[..., 1:]
         tilted = self._projected(torch.cat([0.5j * (before + after), 0.5 * (before - after)]))
         found = []
         for sideways, spectrum in zip(tilted, turned.spectra, strict=True):
-            multiple = torch.arange(spectrum.shape[2], device=spectrum.device) * -1j
+            multiple = torch.arange(spectrum.shape[2], device=spectrum.device) * spectrum.new_tensor(-1j)
             found.append(_with_multiple(torch.cat([sideways[..., : spectrum.shape[2]], spectrum * multiple])))
         return found
 

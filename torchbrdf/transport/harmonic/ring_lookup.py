@@ -151,7 +151,8 @@ class _Points:
         corners, _ = _seen_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
         rank = torch.argsort(torch.argsort(corners[2].mean(1), descending=True))
         spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
-        tier = torch.bucketize(spread, torch.tensor([_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]))
+        tiers = [_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]
+        tier = torch.bucketize(spread, torch.tensor(tiers, dtype=torch.float32))
         parts = []
         for index, n in enumerate(_POINTS):
             node, weight = np.polynomial.legendre.leggauss(n)

@@ -81,7 +81,7 @@ class HarmonicTransport:
         columns  (n,)  of the library, in order; None for all
         """
         n = self.groups[0].mixing.shape[0] if columns is None else len(columns)
-        image = torch.zeros(n, 3 * len(view.pixels), device=self.device)
+        image = torch.zeros(n, 3 * len(view.pixels), dtype=torch.float32, device=self.device)
         for group, pixels, mixtures in self._seen(light, view):
             mixing = group.mixing if columns is None else group.mixing[columns]
             image[:, 3 * pixels.start : 3 * pixels.stop].addmm_(mixing, mixtures.T)
@@ -94,7 +94,7 @@ class HarmonicTransport:
         They are combined before anything is done for pixels: a fraction of the cost of `packed`.
         """
         blend, channels = weights.to(self.device, torch.float32), _channels(light[0][0])
-        image = torch.zeros(weights.shape[1], channels * len(view.pixels), device=self.device)
+        image = torch.zeros(weights.shape[1], channels * len(view.pixels), dtype=torch.float32, device=self.device)
         for _, pixels, blends in self._seen(light, view, blend):
             image[:, channels * pixels.start : channels * pixels.stop] += blends.T
         return self._in_place(image, view)
@@ -102,7 +102,7 @@ class HarmonicTransport:
     def coloured(self, light: LightHarmonics, view: View, weights: Tensor) -> Tensor:
         """(K, 3, P) float32: `blended` of weights (n, 3), each combination in its own channel of a light only."""
         blend, channels = weights.to(self.device, torch.float32), _channels(light[0][0])
-        image = torch.zeros(1, channels * len(view.pixels), device=self.device)
+        image = torch.zeros(1, channels * len(view.pixels), dtype=torch.float32, device=self.device)
         for _, pixels, blends in self._seen(light, view, blend, own=True):
             image[0, channels * pixels.start : channels * pixels.stop] += blends[:, 0]
         return self._in_place(image, view)[0].unflatten(0, (-1, 3))
@@ -119,7 +119,8 @@ class HarmonicTransport:
         for group in self.groups:
             series = spectrum(group, light[group.zone], contained[group.zone], group.mixes(blend))
             own = torch.diagonal(series.unflatten(-1, (-1, 3)), dim1=3, dim2=5)  # each in its own colour of the light
-            interpolated = torch.sinc(torch.arange(len(own), device=own.device) / group.places).square()
+            frequency = torch.arange(len(own), dtype=own.dtype, device=own.device)
+            interpolated = torch.sinc(frequency / group.places).square()
             group.release()
             rings = range(group.first_ring, group.first_ring + group.n_rings)
             grid.add(all_zones[group.zone], rings, own.permute(2, 3, 4, 0, 1).flatten(1, 2) * interpolated[:, None])
