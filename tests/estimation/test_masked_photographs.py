@@ -1,4 +1,5 @@
 import re
+import warnings
 
 import pytest
 import torch
@@ -106,7 +107,7 @@ class TestRefused:
         refused("image must be a tensor (*batch, 3, H, W), got ndarray", photograph().numpy())
 
     def test_masks(self):
-        refused("mask must be bool (1, 2, 3) or (1, 2, 3), got torch.float32 (1, 2, 3)", photograph(), MASK.float())
+        refused("mask must be bool (1, 2, 3), got torch.float32 (1, 2, 3)", photograph(), MASK.float())
         refused("mask must be bool (1, 2, 3) or (5, 1, 2, 3), got torch.bool (2, 3)", photograph(5), MASK[0])
         refused(
             "mask must be bool (1, 2, 3) or (5, 1, 2, 3), got torch.bool (4, 1, 2, 3)",
@@ -153,3 +154,31 @@ class TestRefused:
     def test_vmap(self):
         with pytest.raises(RuntimeError, match=r"^torch\.func\.vmap is not supported: pass the whole batch"):
             torch.func.vmap(lambda image: check_observation(image, None, ONE, several=False)[0])(photograph(2))
+
+
+class TestDoubtfulPhotographs:
+    def test_mostly_negative(self):
+        images = photograph(3)
+        images[1] *= -1
+        with pytest.warns(UserWarning, match="photograph 1 of 3 is mostly negative, which no radiance is") as warned:
+            check_observation(images, None, ONE, several=False)
+        assert len(warned) == 1
+
+    @pytest.mark.parametrize("scale", [1e-30, 1, 1e30])
+    def test_noise_below_zero_is_silent(self, scale: float):
+        image = photograph() * scale
+        image[:, 0] *= -0.1
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_observation(image, None, ONE, several=False)
+
+    def test_channels_last(self):
+        expected = "image must be (*batch, 3, 2, 3) like the basis images, got (5, 2, 3, 3)"
+        refused(f"{expected}; permute it: image.movedim(-1, -3)", photograph(5).movedim(-3, -1))
+
+    def test_a_mask_of_a_single_photograph_has_one_shape(self):
+        refused("mask must be bool (1, 2, 3), got torch.bool (2, 3)", photograph(), MASK[0])
+        refused("mask must be bool (1, 2, 3) or (5, 1, 2, 3), got torch.bool (2, 3)", photograph(5), MASK[0])
+
+    def test_a_mask_of_numpy(self):
+        refused("mask must be a tensor of bool, got ndarray; see torch.from_numpy", photograph(), MASK.numpy())

@@ -1,5 +1,6 @@
 """Photographs as the estimator takes them: checked, and packed over the pixels of their basis images."""
 
+import warnings
 from collections.abc import Sequence
 
 import torch
@@ -61,27 +62,39 @@ def groups_by_mask(used: Tensor) -> list[Tensor]:
 def _check_one(image: Tensor, mask: Tensor | None, frame: Tensor) -> tuple[Tensor, Tensor, torch.Size]:
     size = frame.shape[-2:]
     if image.ndim < 3 or image.shape[-3] != 3 or image.shape[-2:] != size:
+        advice = "; permute it: image.movedim(-1, -3)" if image.shape[-3:] == (*size, 3) else ""
         raise ValueError(
-            f"image must be (*batch, 3, {size[0]}, {size[1]}) like the basis images, got {tuple(image.shape)}"
+            f"image must be (*batch, 3, {size[0]}, {size[1]}) like the basis images, got {tuple(image.shape)}{advice}"
         )
     if image.dtype not in (torch.float32, torch.float64):
         raise ValueError(f"image must be float32 or float64 linear radiance, got {image.dtype}")
     batch = image.shape[:-3]
     packing = Frames((frame,))
     y = packing.pack([image.reshape(-1, 3, *size)]).contiguous()
+    shapes = dict.fromkeys([(1, *size), (*batch, 1, *size)])  # of a single photograph they are one
     if mask is None:
         used = torch.ones_like(y[:, 0], dtype=torch.bool)
-    elif mask.dtype == torch.bool and mask.shape in ((1, *size), (*batch, 1, *size)):
+    elif not isinstance(mask, Tensor):
+        raise ValueError(f"mask must be a tensor of bool, got {type(mask).__name__}; see torch.from_numpy")
+    elif mask.dtype == torch.bool and tuple(mask.shape) in shapes:
         used = packing.pack([mask.reshape(-1, *size).to(image.device)]).expand(len(y), -1)
     else:
-        raise ValueError(
-            f"mask must be bool {(1, *size)} or {(*batch, 1, *size)}, got {mask.dtype} {tuple(mask.shape)}"
-        )
+        raise ValueError(f"mask must be bool {' or '.join(map(str, shapes))}, got {mask.dtype} {tuple(mask.shape)}")
     return y, used, batch
 
 
 def _check_values(y: Tensor, kept: Tensor, used: Tensor) -> None:
-    largest = kept.detach().abs().amax((-2, -1))
+    known = kept.detach()
+    largest = known.abs().amax((-2, -1))
+    signed = (known / largest[:, None, None]).square() * known.sign()
+    negative = torch.nonzero(signed.sum((-2, -1)) < 0).ravel().tolist()
+    if negative:
+        warnings.warn(
+            f"photograph {negative[0]} of {len(y)} is mostly negative, which no radiance is: do not trust the result; "
+            "see whether too much was subtracted from it, or its sign changed",
+            UserWarning,
+            stacklevel=2,
+        )
     if bool(((largest > 0) & (largest < float("inf"))).all()):
         return
     values = y.detach()
