@@ -89,9 +89,9 @@ def test_what_was_made_of_tensors_of_inference_mode_lasts():
     assert made == [1]
 
 
-def test_a_copy_keeps_what_was_made_of_the_tensors_that_are_copied_with_it():
-    made, kept, a = [], LastMade(), torch.zeros(2)
-    kept.get_or_make([a], lambda: made.append(1) or "made")
+def test_a_copy_makes_its_own():
+    kept, a = LastMade(), torch.zeros(2)
+    kept.get_or_make([a], lambda: "made")
     again, b = copy.deepcopy((kept, a))
-    assert again.get_or_make([b], lambda: made.append(1)) == "made"
-    assert made == [1]
+    assert again.get_or_make([b], lambda: "anew") == "anew"
+    assert kept.get_or_make([a], lambda: "anew") == "made"

@@ -82,6 +82,10 @@ class LastMade(Generic[Made]):
         """Nothing is made yet."""
         self._last: tuple[list[tuple[Tensor, int]], Made] | None = None
 
+    def __reduce__(self) -> tuple[type["LastMade[Made]"], tuple[()]]:
+        """Copies and pickles hold nothing: their tensors are others."""
+        return LastMade, ()
+
     def get_or_make(self, tensors: Iterable[Tensor], make: Callable[[], Made]) -> Made:
         """What was made of these very tensors, in the state in which they are; else it is made now."""
         states = [(one, 0 if one.is_inference() else one._version) for one in tensors]
