@@ -284,6 +284,16 @@ def test_least_squares_search_again_from_the_best_end(
     assert all(torch.equal(fit.parameters[name], wanted[name]) for name in wanted)
 
 
+def test_a_start_of_numbers(photograph: Tensor, transport: CellTransport):
+    start = {"diffuse": 0.3, "specular": 0.04, "roughness": 0.2}
+    by_tensors = {name: torch.tensor([value], dtype=torch.float64) for name, value in start.items()}
+    first, second = (
+        fit_analytic_to_image(photograph, PROBE, VIEW, "ggx", start=one, transport=transport, most_evaluations=8)
+        for one in (start, by_tensors)
+    )
+    torch.testing.assert_close(first.parameters, second.parameters, rtol=1e-6, atol=1e-7)
+
+
 def test_black_pictures_are_one(photograph: Tensor, transport: CellTransport):
     residuals = ImageResiduals.of_image(photograph, transport)
     black = residuals.of(torch.zeros(len(transport.cells), 3))
@@ -302,6 +312,12 @@ def test_bad_arguments(photograph: Tensor, transport: CellTransport):
     fails("the photograph is black where the mask is True, or nothing is; there is nothing to fit", mask=~VIEW.mask)
     fails("the photograph must be (3, 20, 20) as the view, got (1, 3, 20, 20)", photograph[None])
     fails("the photograph must be (3, 20, 20) as the view, got (3, 24, 24)", torch.ones(3, 24, 24))
+    fails("the photograph must be a tensor, got ndarray; see torch.from_numpy", photograph.numpy())
+    fails("mask must be a tensor, got ndarray; see torch.from_numpy", mask=VIEW.mask.numpy())
+    fails("the photograph must be float32 or float64 linear radiance, got torch.uint8", photograph.byte())
+    fails("the photograph must be float32 or float64 linear radiance, got torch.bfloat16", photograph.bfloat16())
+    fails("the photograph is below 0 on average where the mask is True, which no radiance is", -photograph)
+    fails("start must be parameters by their names, or a fit, got list; of a reconstruction fit_analytic(", start=[0.5])
     fails("mask must be bool (1, 20, 20), got torch.float32 (1, 20, 20)", mask=VIEW.mask.float())
     fails("mask must be bool (1, 20, 20), got torch.bool (20, 20)", mask=VIEW.mask[0])
     fails("method must be 'adam' or 'least-squares', got 'bfgs'", method="bfgs")

@@ -6,6 +6,7 @@ start that knows.
 """
 
 import time
+from collections.abc import Mapping
 from typing import Literal
 
 import torch
@@ -16,7 +17,6 @@ from torchbrdf.analytic._image_residuals import ImageResiduals
 from torchbrdf.analytic._least_squares import climb_out, minimise
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
-from torchbrdf.analytic.model import Parameters
 from torchbrdf.analytic.settings import MOST_ON_A_PHOTOGRAPH
 from torchbrdf.analytic.table_fit import DEFAULT_MODEL, AnalyticFit, serial_operations, starting_points
 from torchbrdf.analytic.variables import FitVariables
@@ -37,7 +37,7 @@ def fit_analytic_to_image(
     model: str = DEFAULT_MODEL,
     *,
     mask: Tensor | None = None,
-    start: Parameters | AnalyticFit | None = None,
+    start: Mapping[str, Tensor | float] | AnalyticFit | None = None,
     method: Method = "least-squares",
     shared: bool = True,
     most_evaluations: int | None = None,
@@ -48,13 +48,15 @@ def fit_analytic_to_image(
     image      (3, H, W)  linear radiance
     view       of the photographed shape, H x W
     mask       (1, H, W)  bool, True = use
-    start      parameters, or a fit of the same model to a reconstruction; None: several starts that know nothing
+    start      parameters, tensors or numbers, or a fit of the same model to a reconstruction; None: several starts that
+               know nothing
     method     "adam", gradient descent as inverse rendering uses it, or "least-squares", which takes fewer steps
     shared     parameters that are no colours are the same for R, G and B
     most_evaluations  of the model from each start; None: 600 or 100. Least squares keep at least half of them for a
                second search from the best end, moved inside the bounds: the first may have ended in a valley
     transport  `CellTransport.build(probe, view)`, to render many photographs or starts with
-    Raises ValueError for shapes that do not fit, a photograph that is black, NaN or infinite, or an unknown method.
+    Raises ValueError for shapes and types that do not fit, a photograph that is black, negative, NaN or infinite, or an
+    unknown method.
     """
     began = time.perf_counter()
     if method not in MOST_EVALUATIONS:
@@ -94,13 +96,20 @@ def fit_analytic_to_image(
 
 
 def _checked(image: Tensor, view: View, mask: Tensor | None) -> Tensor:
+    for what, values in (("the photograph", image), ("mask", mask)):
+        if values is not None and not isinstance(values, Tensor):
+            raise ValueError(f"{what} must be a tensor, got {type(values).__name__}; see torch.from_numpy")
     if image.shape != (3, *view.size):
         raise ValueError(f"the photograph must be {(3, *view.size)} as the view, got {tuple(image.shape)}")
+    if image.dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"the photograph must be float32 or float64 linear radiance, got {image.dtype}")
     if mask is not None and (mask.shape != view.mask.shape or mask.dtype != torch.bool):
         raise ValueError(f"mask must be bool {tuple(view.mask.shape)}, got {mask.dtype} {tuple(mask.shape)}")
     used = view.pack(image) if mask is None else image[:, (view.mask & mask)[0]]
     if not bool(torch.isfinite(used).all()):
         raise ValueError("the photograph has NaN or infinite pixels; mask them out")
+    if bool(used.mean() < 0):
+        raise ValueError("the photograph is below 0 on average where the mask is True, which no radiance is")
     if not bool(used.mean() > 0):
         raise ValueError("the photograph is black where the mask is True, or nothing is; there is nothing to fit")
     return image.detach().cpu()

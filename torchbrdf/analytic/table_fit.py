@@ -10,7 +10,7 @@ within the bounds of the parameters, from several starts (`least_squares`).
 
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -25,7 +25,6 @@ from torchbrdf.analytic._image_residuals import ImageResiduals
 from torchbrdf.analytic._least_squares import Minimum, Progress, best_of, minimise
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
-from torchbrdf.analytic.model import Parameters
 from torchbrdf.analytic.settings import DEFAULT_METRIC, DEFAULT_MODEL, IMAGE_METRIC, MOST_EVALUATIONS
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.analytic.table_residuals import TableResiduals, Uncertainty, fit_cells
@@ -117,7 +116,7 @@ def fit_analytic(
     *,
     library: MaterialLibrary | None = None,
     shared: bool = True,
-    start: Parameters | AnalyticFit | None = None,
+    start: Mapping[str, Tensor | float] | AnalyticFit | None = None,
     uncertainty: Tensor | None = None,
     largest_angle_deg: float = LARGEST_ANGLE_DEG,
     most_evaluations: int = MOST_EVALUATIONS,
@@ -202,7 +201,9 @@ def _given_uncertainty(uncertainty: Tensor, table: MerlTable) -> Uncertainty:
     return lambda index: std.reshape(-1, 3)[index]
 
 
-def starting_points(variables: FitVariables, start: Parameters | AnalyticFit | None) -> tuple[np.ndarray, ...]:
+def starting_points(
+    variables: FitVariables, start: Mapping[str, Tensor | float] | AnalyticFit | None
+) -> tuple[np.ndarray, ...]:
     """Vectors (V,) that a fit starts from: those of the model, or what is given, which must belong to it."""
     if start is None:
         return variables.starts
@@ -212,7 +213,12 @@ def starting_points(variables: FitVariables, start: Parameters | AnalyticFit | N
                 f"the start is a fit of {start.model}; give one of {variables.model.name}, or model={start.model!r}"
             )
         start = start.parameters
-    return (variables.vector(start),)
+    if not isinstance(start, Mapping):
+        raise ValueError(
+            f"start must be parameters by their names, or a fit, got {type(start).__name__}; of a reconstruction "
+            f'fit_analytic(result, "{variables.model.name}", library=...) makes a fit'
+        )
+    return (variables.vector({name: torch.atleast_1d(torch.as_tensor(value)) for name, value in start.items()}),)
 
 
 def table_warnings(table: MerlTable) -> tuple[str, ...]:
@@ -264,7 +270,7 @@ class _Search:
         shared: bool,
         largest_angle_deg: float,
         most_evaluations: int,
-        start: Parameters | AnalyticFit | None = None,
+        start: Mapping[str, Tensor | float] | AnalyticFit | None = None,
     ) -> "_Search":
         if not 0 < largest_angle_deg <= 90:
             raise ValueError(f"largest_angle_deg must be above 0 and at most 90, got {largest_angle_deg}")

@@ -188,8 +188,8 @@ class BRDFEstimator(SharedBuffers):
                  of one mask are solved together, every other mask costs factors of its own; a sequence
                  of these for several photographs
         returns  a Reconstruction with the same batch axes; weights and image in the precision of `image`
-        Raises ValueError where sizes differ, a used pixel is not finite, all are zero, or none is left; warns where most
-        of the energy is below zero.
+        Raises ValueError where sizes differ, a used pixel is not finite, all are zero, or none is left; warns where
+        most of the energy is below zero.
         """
         frames = self.frames
         y, used, batch = check_observation(image, mask, frames, self.several)
