@@ -1,17 +1,24 @@
 """The public calls give what they give alone, whatever precision torch is told to prefer around them."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from textwrap import dedent
 
 import pytest
 import torch
 from torch import Tensor
 
 import torchbrdf as tb
+from paths import ROOT
 from torchbrdf.alignment import LearnedRotation
-from torchbrdf.brdf.autocast import without_autocast
+from torchbrdf.lasting import without_autocast
+from torchbrdf.light._procedural import studio_room
 from torchbrdf.transport.harmonic import HarmonicBasis
 from turns import turn_about
 
@@ -61,8 +68,15 @@ class Capture:
         return tb.BRDFEstimator(self.basis, self.classes, **settings)(self.photograph)
 
 
+Calls = dict[str, Tensor]
+
 CALLS: dict[str, Callable[[Capture], Tensor]] = {
     "probe": lambda of: tb.LightProbe.default(32).radiance,
+    "rotated": lambda of: of.probe.rotated(TURN).radiance,
+    "resized": lambda of: of.probe.resized(20).radiance,
+    "blurred": lambda of: of.probe.blurred(5).radiance,
+    "sampled": lambda of: of.probe.sample(torch.full((4, 2), 0.3))[0],
+    "pdf": lambda of: of.probe.pdf(tb.SphereView(16).normals[:, 8, 8]),
     "view": lambda of: tb.SphereView(16).normals,
     "render": lambda of: tb.render(of.table, of.probe, tb.SphereView(16)),
     "render, sampled": lambda of: tb.render(of.table, of.probe, tb.SphereView(16), samples=64),
@@ -112,7 +126,6 @@ AROUND = [
     pytest.param(name, around, id=f"{name}-{around.__name__}")
     for around in (autocast, float64_by_default)
     for name in CALLS
-    if around is autocast or name not in ("align", "fit_analytic_to_image")  # they resample and resize the light
 ]
 
 
@@ -124,16 +137,59 @@ def capture(precomputed_library: tb.MaterialLibrary) -> Capture:
 
 
 @pytest.fixture(scope="module")
-def alone(capture: Capture) -> dict[str, Tensor]:
+def alone(capture: Capture) -> Calls:
     return {name: call(capture) for name, call in CALLS.items()}
 
 
 @pytest.mark.parametrize(("name", "around"), AROUND)
-def test_a_call_gives_what_it_gives_alone(capture: Capture, alone: dict[str, Tensor], name: str, around) -> None:
+def test_a_call_gives_what_it_gives_alone(capture: Capture, alone: Calls, name: str, around) -> None:
     with around():
         found = CALLS[name](capture)
     assert found.dtype == alone[name].dtype
     torch.testing.assert_close(found, alone[name], rtol=1e-5, atol=1e-6, equal_nan=True)
+
+
+@pytest.fixture(scope="module")
+def float64_first(capture: Capture, precomputed_directory: Path, tmp_path_factory: pytest.TempPathFactory) -> Calls:
+    """What the calls give in a process that sets the default type before all else, with an empty cache."""
+    folder = tmp_path_factory.mktemp("float64_first")
+    code = """
+        import sys, torch
+        torch.set_default_dtype(torch.float64)
+        import pytest, torchbrdf, coarse_grids, test_precision
+        from torchbrdf.transport.harmonic.cache import transport_of
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in coarse_grids.HALF_GRID.items():
+                patch.setattr(name, value)
+            library = torchbrdf.MaterialLibrary.from_merl(sys.argv[1], progress=False)
+            transport_of(library)
+            capture = test_precision.Capture(library)
+            found = {name: call(capture).detach() for name, call in test_precision.CALLS.items()}
+        torch.save(found, sys.argv[2])
+    """
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    environment = {**os.environ, "TORCHBRDF_CACHE": str(folder / "cache"), "PYTHONPATH": path}
+    command = [sys.executable, "-c", dedent(code), str(precomputed_directory), str(folder / "found.pt")]
+    subprocess.run(command, env=environment, check=True)
+    found: Calls = torch.load(folder / "found.pt")
+    return found
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_call_gives_the_same_where_the_default_type_was_set_first(
+    float64_first: Calls, alone: Calls, name: str
+) -> None:
+    assert float64_first[name].dtype == alone[name].dtype
+    torch.testing.assert_close(float64_first[name], alone[name], rtol=1e-5, atol=1e-6, equal_nan=True)
+
+
+def test_a_light_first_made_under_autocast_is_as_bright(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    expected = tb.LightProbe.default(24).radiance
+    studio_room.cache_clear()
+    monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path))
+    with autocast():
+        found = tb.LightProbe.default(24).radiance
+    assert torch.equal(found, expected)
 
 
 def test_autocast_goes_on_after_a_call() -> None:

@@ -18,10 +18,11 @@ from torchbrdf.alignment.exposure import Exposure, exposure_of
 from torchbrdf.alignment.lamps import LampRadiance, first_guess, with_lamp
 from torchbrdf.alignment.settings import Range
 from torchbrdf.alignment.silhouette import CLEAR, FoundSilhouette, find, guessed
-from torchbrdf.brdf import MaterialLibrary, without_autocast
+from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
 from torchbrdf.images import luminance
+from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
@@ -301,9 +302,10 @@ def _weighed(summit: Summit, believed: Trial, search: Range) -> tuple[Summit, Tr
 def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]:
     """Trials of the most promising turns about +Y, compared with few basis BRDFs and less light."""
     coarse = task.coarse(believed)
-    steps = [rotation_of(torch.tensor([0.0, radians(360 / _TURNS * k), 0.0])) for k in range(_TURNS)]
+    up = torch.tensor([0, 1, 0], dtype=torch.float64)
+    steps = [rotation_of(radians(360 / _TURNS * k) * up) for k in range(_TURNS)]
     turns = [step @ believed.rotation for step in steps]
-    evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns])
+    evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns], dtype=torch.float64)
     peak = (evidence >= evidence.roll(1)) & (evidence >= evidence.roll(-1))
     peak &= evidence > evidence.max() - RIVAL
     followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()

@@ -7,7 +7,7 @@ import torch
 from kornia.geometry.liegroup import So3
 from torch import Tensor, nn
 
-from torchbrdf.brdf import without_autocast
+from torchbrdf.lasting import without_autocast
 from torchbrdf.light import checked_rotation
 from torchbrdf.transport.harmonic import HarmonicBasis
 

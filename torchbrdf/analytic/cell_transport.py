@@ -115,7 +115,7 @@ def _typical_columns() -> Tensor:
     model, whole = model_of("ggx"), ShadingGeometry.of_angles(*cell_centres(torch.float32))
     colours = [(0.5, 0.0, 0.3), *((0.0, 0.04, roughness) for roughness in _ROUGHNESSES)]
     columns = [
-        model.evaluate({key: torch.tensor([value]) for key, value in zip(model.defaults, colour, strict=True)}, whole)
-        for colour in colours
+        model.evaluate(dict(zip(model.defaults, values.split(1), strict=True)), whole)
+        for values in torch.tensor(colours, dtype=torch.float32)
     ]
     return torch.stack([column[..., 0].reshape(N_CELLS) for column in columns], dim=1)

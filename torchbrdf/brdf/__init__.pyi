@@ -4,7 +4,6 @@ from .albedo import (
     directional_albedo as directional_albedo,
     reflects_too_much as reflects_too_much,
 )
-from .autocast import without_autocast as without_autocast
 from .difference import (
     BRDFDifference as BRDFDifference,
     cell_difference as cell_difference,

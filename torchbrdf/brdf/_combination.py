@@ -4,9 +4,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
-from torchbrdf.brdf.autocast import without_autocast
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS
 from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns
+from torchbrdf.lasting import without_autocast
 
 _BLOCK_CELLS = ROW_CELLS // 2
 """Rows of a block: with 300 columns it is 10 MB in float32, which a processor's cache holds."""

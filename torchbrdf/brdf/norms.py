@@ -24,7 +24,7 @@ def column_norms(stored: StoredColumns) -> Tensor:
     error of the kernels below a tolerance times these norms stays below it under sources of any size between.
     """
     engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=0)
-    u = engine.draw(_SAMPLES).double()
+    u = engine.draw(_SAMPLES, dtype=torch.float32).double()
     gamma, phi = torch.asin(u[:, 0].sqrt()), 2 * pi * u[:, 2]
     ring = (u[:, 0] * _RINGS).long()
     cosine = 1 - 2 * u[:, 1]  # of beta
@@ -37,7 +37,8 @@ def column_norms(stored: StoredColumns) -> Tensor:
     w_i, w_o, ring = w_i[lit], w_o[lit], ring[lit]
     cell = cell_index(*half_difference(w_i, w_o)).long()
     white = torch.zeros(N_CELLS, dtype=torch.float64).index_add_(0, cell, w_i[:, 2].square())
-    uniform = torch.zeros(_RINGS, N_CELLS).index_put_((ring, cell), w_i[:, 2].float(), accumulate=True)
+    uniform = torch.zeros(_RINGS, N_CELLS, dtype=torch.float32)
+    uniform.index_put_((ring, cell), w_i[:, 2].float(), accumulate=True)
     n = stored.columns.shape[1]
     power, brightness = torch.zeros(n, dtype=torch.float64), torch.zeros(_RINGS, n, dtype=torch.float64)
     for cells in torch.nonzero(white).ravel().split(_ROWS_AT_ONCE):

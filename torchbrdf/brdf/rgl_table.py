@@ -54,7 +54,7 @@ class Tabulated:
 
 def tabulate(material: RGLMaterial) -> Tabulated:
     """Every cell of the grid: f_r averaged over the cell, both ways, and over all azimuths of w_i."""
-    values, valid = torch.zeros(*GRID, 3), above_horizon().clone()
+    values, valid = torch.zeros(*GRID, 3, dtype=torch.float32), above_horizon().clone()
     negative, clipped, squares = 0, torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
     for first in range(0, GRID[0], _ROWS):
         rows = slice(first, first + _ROWS)
@@ -78,7 +78,7 @@ def _root_of_ratio(squares: Tensor) -> float:
 def _cells(material: RGLMaterial, rows: slice, inside: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """f_r (n, 3) of the cells of some rows that are inside, which were measured (n,), and the squares of `spread`."""
     count = int(inside.sum())
-    total, weight = torch.zeros(count, 3), torch.zeros(count)
+    total, weight = (torch.zeros(count, *last, dtype=torch.float32) for last in ((3,), ()))
     squares = torch.zeros(2, dtype=torch.float64)
     parts = _FINE_PARTS if rows.start < _FINE_ROWS else 1
     for part in range(parts):
@@ -107,8 +107,8 @@ def _over_azimuths(
     if material.isotropic:
         found, measured = material.cos_weighted(theta_i, theta_m, azimuth)
         return found, (measured >= _MEASURED).float(), torch.zeros(2, dtype=torch.float64)
-    total, weight = torch.zeros(len(theta_i), 3), torch.zeros(len(theta_i), 1)
-    squares = torch.zeros(len(theta_i), 3)
+    total, weight = (torch.zeros(len(theta_i), width, dtype=torch.float32) for width in (3, 1))
+    squares = torch.zeros(len(theta_i), 3, dtype=torch.float32)
     for phi, share in enumerate(material.azimuth_weights):
         for turned in (azimuth, -azimuth) if material.mirrored else (azimuth,):
             found, measured = material.cos_weighted(theta_i, theta_m, turned, phi)

@@ -51,7 +51,7 @@ class TuckerFactors:
     def _core(self) -> Tensor:
         """(A, B C n) float32: g of all terms, 0 where a term is not kept."""
         sizes = [profile.shape[1] for profile in (self.theta_h, self.theta_d, self.phi_d)]
-        core = torch.zeros(*sizes, self.quantised.shape[1])
+        core = torch.zeros(*sizes, self.quantised.shape[1], dtype=torch.float32)
         core[self.terms.long().unbind(1)] = self.quantised * self.step[:, None]
         return core.flatten(1)
 

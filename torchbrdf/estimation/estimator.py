@@ -9,7 +9,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary, without_autocast
+from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.constraints import constrain
 from torchbrdf.estimation.energy_bounds import EnergyBounds
@@ -25,7 +25,7 @@ from torchbrdf.estimation.shared_buffers import SharedBuffers
 from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solution import Solution
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
-from torchbrdf.lasting import LastMade, lasting
+from torchbrdf.lasting import LastMade, lasting, without_autocast
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import Frames
 

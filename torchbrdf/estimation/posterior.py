@@ -11,8 +11,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import without_autocast
 from torchbrdf.estimation.priors import Explanation
+from torchbrdf.lasting import without_autocast
 
 UNMODELLED = 0.01
 """What is predicted is wrong by this share: basis images, the grid of cells, photographs."""

@@ -60,7 +60,7 @@ def flicker(rows: int, amplitude: Tensor, periods: Tensor, phase: Tensor) -> Ten
     amplitude, periods, phase  (*batch,)
     returns                    (*batch, 1, rows, 1)
     """
-    place = ((torch.arange(rows, device=amplitude.device) + 0.5) / rows)[:, None]
+    place = ((torch.arange(rows, dtype=amplitude.dtype, device=amplitude.device) + 0.5) / rows)[:, None]
     amplitude, periods, phase = (one[..., None, None, None] for one in (amplitude, periods, phase))
     return 1 + amplitude * torch.sin(2 * pi * periods * place + phase)
 

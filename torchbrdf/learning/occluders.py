@@ -53,8 +53,8 @@ def draw_occluders(kind: Tensor, centre: Tensor, size: Tensor, angle: Tensor, co
 def pixel_grid(height: int, width: int, device: torch.device | str = "cpu") -> Tensor:
     """(2, H, W): x and y of the centres of the pixels, y up, [-1, 1] from edge to edge of the longer side."""
     longer = max(height, width)
-    x = (2 * torch.arange(width, device=device) + 1 - width) / longer
-    y = (height - 1 - 2 * torch.arange(height, device=device)) / longer
+    x = (2 * torch.arange(width, dtype=torch.float32, device=device) + 1 - width) / longer
+    y = (height - 1 - 2 * torch.arange(height, dtype=torch.float32, device=device)) / longer
     return torch.stack(torch.meshgrid(x, y, indexing="xy"))
 
 
@@ -127,7 +127,7 @@ class RandomOccluders(HidingAugmentation):
     ) -> Tensor:
         """Paint the shapes one over the other."""
         grid = pixel_grid(input.shape[-2], input.shape[-1], input.device)
-        shade = 1 + torch.einsum("bki,ihw->bkhw", params["slope"].to(input), grid)
+        shade = 1 + torch.einsum("bki,ihw->bkhw", params["slope"].to(input), grid.to(input))
         colours = params["radiance"].to(input) * input.mean((1, 2, 3))[:, None, None]
         painted = input
         for k, covered in enumerate(self.covered(input.shape, params).to(input.device).unbind(1)):

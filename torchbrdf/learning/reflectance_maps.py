@@ -147,14 +147,15 @@ def random_materials(rows: Tensor, n_materials: int, light: Tensor, blending: Bl
     """
     count, n = len(light), 3 * n_materials
     k = min(blending.materials, n_materials)
-    chosen = torch.rand(count, n_materials).topk(k).indices
-    shares = torch.distributions.Dirichlet(torch.full((k,), blending.evenness)).sample((count,))
+    chosen = torch.rand(count, n_materials, dtype=torch.float32).topk(k).indices
+    shares = torch.distributions.Dirichlet(torch.full((k,), blending.evenness, dtype=torch.float32)).sample((count,))
     shares = shares * (torch.arange(k) < torch.randint(1, k + 1, (count, 1)))
     shares = shares / shares.sum(1, keepdim=True).clamp_min(1e-12)
     colours = torch.arange(3).expand(count, 3)
     if blending.swap_colours:
-        colours = torch.rand(count, 3).argsort()
-    stops = blending.brightness * torch.randn(count, 1) + blending.tint * torch.randn(count, 3)
+        colours = torch.rand(count, 3, dtype=torch.float32).argsort()
+    brighter, tinted = (torch.randn(count, width, dtype=torch.float32) for width in (1, 3))
+    stops = blending.brightness * brighter + blending.tint * tinted
     gain = torch.exp2(stops)
 
     column = 3 * chosen[:, :, None] + colours[:, None]  # (B, k, 3)
@@ -162,14 +163,14 @@ def random_materials(rows: Tensor, n_materials: int, light: Tensor, blending: Bl
     parts = rows.index_select(0, row.flatten()).view(count, k, 3, -1)
 
     used = shares > 0
-    mean = 1 / used.sum(1, keepdim=True)
-    beyond = blending.beyond * torch.rand(count, 1)
+    mean = 1 / used.sum(1, keepdim=True).float()
+    beyond = blending.beyond * torch.rand(count, 1, dtype=torch.float32)
     extrapolated = torch.where(used, shares + beyond * (shares - mean), 0)
     images = torch.einsum("bk,bkcp->bcp", extrapolated, parts)
     negative = (images < 0).flatten(1).any(1)
     if bool(negative.any()):
         extrapolated[negative] = shares[negative]
         images[negative] = torch.einsum("bk,bkcp->bcp", shares[negative], parts[negative])
-    weights = torch.zeros(count, n, 3)
+    weights = torch.zeros(count, n, 3, dtype=torch.float32)
     weights.scatter_(1, column, extrapolated[:, :, None] * gain[:, None])
     return images * gain[:, :, None], weights

@@ -16,7 +16,7 @@ from torchbrdf.light.latlong import area_mean
 
 _SAMPLES_PER_PI = 640  # sub-samples from pole to pole: lamps keep their energy at every height
 # The camera is the origin of a room of 8 x 4 x 7 metres: left, right, floor, ceiling, front (-Z), back.
-_WALLS = torch.tensor([-4.2, 3.8, -1.5, 2.5, -3.2, 3.8])
+_WALLS = torch.tensor([-4.2, 3.8, -1.5, 2.5, -3.2, 3.8], dtype=torch.float32)
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ def _radiance(directions: Tensor) -> Tensor:
     for panel in _PANELS:
         radiance = _add_panel(radiance, panel, point, (axis == panel.axis) & (sign == panel.sign))
     for towards, degrees, colour in _LAMPS:
-        centre = torch.nn.functional.normalize(torch.tensor(towards), dim=0)
+        centre = torch.nn.functional.normalize(directions.new_tensor(towards), dim=0)
         inside = directions @ centre > math.cos(math.radians(degrees))
-        radiance = torch.where(inside[..., None], torch.tensor(colour), radiance)
+        radiance = torch.where(inside[..., None], directions.new_tensor(colour), radiance)
     return radiance
 
 
@@ -86,12 +86,12 @@ def _room(point: Tensor, axis: Tensor, sign: Tensor) -> Tensor:
     x, y, z = point.unbind(-1)
     up = ((y - _WALLS[2]) / (_WALLS[3] - _WALLS[2]))[..., None]
     left = ((_WALLS[1] - x) / (_WALLS[1] - _WALLS[0]))[..., None]
-    plaster = torch.lerp(torch.tensor([0.16, 0.12, 0.09]), torch.tensor([0.34, 0.37, 0.42]), up)
+    plaster = torch.lerp(point.new_tensor([0.16, 0.12, 0.09]), point.new_tensor([0.34, 0.37, 0.42]), up)
     plaster = plaster * (0.45 + 0.9 * left**2)  # brighter near the window on the left
     tile = ((torch.floor(x / 0.8) + torch.floor(z / 0.8)) % 2 == 0)[..., None]
-    floor = torch.where(tile, torch.tensor([0.16, 0.14, 0.12]), torch.tensor([0.006, 0.007, 0.009]))
+    floor = torch.where(tile, point.new_tensor([0.16, 0.14, 0.12]), point.new_tensor([0.006, 0.007, 0.009]))
     floor = floor * (0.3 + 1.4 * left)
-    ceiling = torch.tensor([0.11, 0.115, 0.12]) * (0.4 + left)
+    ceiling = point.new_tensor([0.11, 0.115, 0.12]) * (0.4 + left)
     flat = torch.where((sign < 0)[..., None], floor, ceiling)
     return torch.where((axis == 1)[..., None], flat, plaster)
 
@@ -105,5 +105,5 @@ def _add_panel(radiance: Tensor, panel: _Panel, point: Tensor, on_wall: Tensor) 
         inside = inside & (along.abs() <= 1)
         if bars > 1:
             clear = clear & (((along + 1) * (bars / 2)) % 1 - 0.5).abs().lt(0.44)
-    radiance = torch.where(inside[..., None], torch.tensor([0.03, 0.025, 0.02]), radiance)
-    return torch.where((inside & clear)[..., None], torch.tensor(panel.radiance), radiance)
+    radiance = torch.where(inside[..., None], point.new_tensor([0.03, 0.025, 0.02]), radiance)
+    return torch.where((inside & clear)[..., None], point.new_tensor(panel.radiance), radiance)

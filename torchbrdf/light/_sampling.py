@@ -68,8 +68,8 @@ class ImportanceTables:
 
     def sample(self, u: Tensor) -> tuple[Tensor, Tensor]:
         """Directions (P, 3) float32 and their densities (P,) in 1/sr, for u (P, 2) in [0, 1)."""
-        directions = torch.empty(len(u), 3, device=u.device)
-        pdf = torch.empty(len(u), device=u.device)
+        directions = torch.empty(len(u), 3, device=u.device, dtype=torch.float32)
+        pdf = torch.empty(len(u), device=u.device, dtype=torch.float32)
         step = len(u) if u.is_cuda else CPU_CHUNK
         for start in range(0, len(u), max(step, 1)):
             chunk = slice(start, start + step)
@@ -78,7 +78,7 @@ class ImportanceTables:
 
     def pdf(self, directions: Tensor) -> Tensor:
         """The density (P,) in 1/sr with which `sample` returns unit directions (P, 3)."""
-        pdf = torch.empty(len(directions), device=directions.device)
+        pdf = torch.empty(len(directions), device=directions.device, dtype=torch.float32)
         step = len(directions) if directions.is_cuda else CPU_CHUNK
         for start in range(0, len(directions), max(step, 1)):
             chunk = slice(start, start + step)

@@ -132,7 +132,8 @@ def _sun_on_texels(disc: Tensor, elevation: float, azimuth: float, height: int) 
     turn = index * (pi * (3 - sqrt(5)))
     radius = torch.sqrt(off_axis * (2 - off_axis))
     right = torch.tensor([cos(azimuth), 0.0, sin(azimuth)], dtype=torch.float64)
-    centre = torch.tensor([sin(azimuth) * cos(elevation), sin(elevation), -cos(azimuth) * cos(elevation)]).double()
+    towards = [sin(azimuth) * cos(elevation), sin(elevation), -cos(azimuth) * cos(elevation)]
+    centre = torch.tensor(towards, dtype=torch.float64)
     across, upwards = torch.cos(turn) * radius, torch.sin(turn) * radius
     top = torch.linalg.cross(right, centre)
     points = (1 - off_axis)[:, None] * centre + across[:, None] * right + upwards[:, None] * top

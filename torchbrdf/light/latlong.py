@@ -156,9 +156,9 @@ def area_mean(
     """
     theta, weights = (each.to(device, torch.float32) for each in _strips(height, supersampling))
     columns = torch.arange(width, device=device, dtype=torch.float32)[None, :, None]
-    offsets = (torch.arange(supersampling, device=device) + 0.5) / supersampling - 0.5
+    offsets = (torch.arange(supersampling, device=device, dtype=torch.float32) + 0.5) / supersampling - 0.5
     at_once = max(1, _AREA_MEAN_CHUNK // (height * width))
-    total = torch.zeros((), device=device)
+    total = torch.zeros((), device=device, dtype=torch.float32)
     for y, weight in zip(theta.T * ((height - 1) / math.pi), weights.T / supersampling, strict=True):
         for dx in offsets.split(at_once):
             seen = radiance_of(directions_at(columns + dx, y[:, None, None], height, width))

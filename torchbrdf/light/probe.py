@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, luminance, write_image
+from torchbrdf.lasting import without_autocast
 from torchbrdf.light._blur import blur
 from torchbrdf.light._picture import KNOWN, LAMPS_KEY, ROWS_KEY, LightPicture, check_proportions
 from torchbrdf.light._procedural import studio_room
@@ -315,6 +316,7 @@ class LightProbe:
     def _importance(self) -> ImportanceTables:
         return ImportanceTables.build(self._radiance)
 
+    @without_autocast
     def _derived(self, changed: Callable[[Tensor], Tensor]) -> LightProbe:
         """The probe after a linear change of radiance (channels, H, 2 H), which its lamps go through, too."""
         if self.lamps is None:

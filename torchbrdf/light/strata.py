@@ -154,8 +154,8 @@ def _cut(power: Tensor) -> tuple[Tensor, Tensor]:
     nodes = torch.tensor([[0, rows, 0, columns]], device=power.device)
     for _ in range(_CUTS):
         top, bottom, left, right = nodes.unbind(1)
-        tall = (bottom - top) * row_step
-        wide = (right - left) * column_step * torch.sin((top + bottom) * (row_step / 2))
+        tall = (bottom - top).float() * row_step
+        wide = (right - left).float() * column_step * torch.sin((top + bottom).float() * (row_step / 2))
         by_row = ((tall >= wide) | (right - left == 1)) & (bottom - top > 1)
         whole = (bottom - top == 1) & (right - left == 1)
         at = _median(measure, nodes, by_row)

@@ -62,7 +62,7 @@ class Relighter:
         """The result and the candidate of every class of one reconstruction."""
         likeliest = int(result.class_index)
         names = [f"class {j}{' (likeliest)' if j == likeliest else ''}" for j in range(len(result.class_weights))]
-        weights = torch.zeros(1 + len(names), library.stored.columns.shape[1], 3)
+        weights = torch.zeros(1 + len(names), library.stored.columns.shape[1], 3, dtype=torch.float32)
         found = torch.cat([result.weights[None], result.class_weights]).detach()
         weights[:, library.column_index] = found.to("cpu", torch.float32)
         return cls(transport_of(library, progress=True), weights, ("result", *names), probe, size)
@@ -70,7 +70,7 @@ class Relighter:
     def render(self, rotation: Tensor) -> Tensor:
         """(K, 3, S, S) float32: radiance under the probe turned by a rotation (3, 3), 0 outside the mask."""
         light = self._light.harmonics(rotation)
-        total = torch.zeros(len(self._view.pixels), 3 * len(self.labels))
+        total = torch.zeros(len(self._view.pixels), 3 * len(self.labels), dtype=torch.float32)
         for zone, (places, weights) in zip(self._zones, self._lookups, strict=True):
             rings = self._rings(zone, light[zone.index])
             total += embedding_bag(places, rings, mode="sum", per_sample_weights=weights)

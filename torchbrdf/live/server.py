@@ -100,12 +100,13 @@ class LiveServer(ThreadingHTTPServer):
         mask = spheres.mask.cpu()
         self._nearest = _nearest(mask)
         with torch.inference_mode():
-            first, mirrored = spheres.render(torch.eye(3)), spheres.mirror_ball(torch.eye(3))
+            upright = torch.eye(3, dtype=torch.float32)
+            first, mirrored = spheres.render(upright), spheres.mirror_ball(upright)
             exposure = exposure_for(first[0].cpu(), mask)
             bright = mirrored.cpu().amax(0)[mask[0]]
             white = float(torch.quantile(bright, _LIGHT_QUANTILE)) or float(bright.max())
         gains = [exposure] * len(first) + [1 / white if white > 0 else 1.0]
-        self._gains = torch.tensor(gains)[:, None, None]
+        self._gains = torch.tensor(gains, dtype=torch.float32)[:, None, None]
         self.page = page(title, light, spheres.labels, mask.shape[-1]).encode()
 
     @property

@@ -54,7 +54,7 @@ class BakedSum:
     @classmethod
     def empty(cls, n_pixels: int, n: int) -> "BakedSum":
         """Before the first pass."""
-        return cls(torch.zeros(3, n_pixels, n), torch.zeros(n, dtype=torch.float64))
+        return cls(torch.zeros(3, n_pixels, n, dtype=torch.float32), torch.zeros(n, dtype=torch.float64))
 
     def add(self, images: Tensor, samples: int) -> None:
         """One more pass: images (3, P, n), overwritten."""
@@ -185,9 +185,9 @@ def _render_pass(paths: LightPaths, columns: Tensor, samples: int, seed: int) ->
     scramble = int(torch.randint(2**31, (1,), generator=generator))
     points = torch.quasirandom.SobolEngine(N_NUMBERS, scramble=True, seed=scramble).draw(samples).T[:, None]
     pixels = paths.view.pixels
-    images = torch.empty(3, len(pixels), columns.shape[1])
+    images = torch.empty(3, len(pixels), columns.shape[1], dtype=torch.float32)
     for chosen in torch.arange(len(pixels)).split(min(_PIXELS_AT_ONCE, _PATHS_AT_ONCE // samples)):
-        shifts = torch.rand(N_NUMBERS, len(chosen), 1, generator=generator)
+        shifts = torch.rand(N_NUMBERS, len(chosen), 1, generator=generator, dtype=torch.float32)
         numbers = (points + shifts).remainder_(1).clamp_(max=1 - 2.0**-24)
         found = paths.trace(pixels[chosen], numbers)
         images[:, chosen] = gather_columns(_by_weight(found), columns) / samples

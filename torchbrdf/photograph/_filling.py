@@ -55,7 +55,8 @@ def cut_out(image: Tensor, usable: Tensor | None, circle: Circle) -> bool:
 def _square(image: Tensor, usable: Tensor | None, circle: Circle) -> tuple[Tensor, Tensor]:
     """(H, W): the distance from a circle's middle, and whether it is known what its square shows there."""
     height, width = image.shape[-2:]
-    x, y = torch.arange(width) + 0.5 - circle.x, torch.arange(height)[:, None] + 0.5 - circle.y
+    x, y = (torch.arange(n, dtype=torch.float32) + 0.5 - at for n, at in ((width, circle.x), (height, circle.y)))
+    y = y[:, None]
     known = (x.abs() <= circle.radius) & (y.abs() <= circle.radius) & torch.isfinite(image).all(0)
     return torch.hypot(x, y), known if usable is None else known & usable[0]
 

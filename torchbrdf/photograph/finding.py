@@ -287,7 +287,7 @@ def _covered(a: Place, b: Place) -> bool:
 def _outside(silhouette: Circle | Ball, size: tuple[int, int]) -> float:
     """Share of a disc beyond the photograph's border."""
     middle_x, middle_y, radius = silhouette.circle
-    across = torch.linspace(-1, 1, 101)
+    across = torch.linspace(-1, 1, 101, dtype=torch.float32)
     x, y = torch.meshgrid(across, across, indexing="xy")
     disc = x**2 + y**2 <= 1
     x, y = middle_x + radius * x[disc], middle_y + radius * y[disc]

@@ -78,7 +78,7 @@ class Circle:
 
     def holds(self, height: int, width: int) -> Tensor:
         """(height, width) bool: the pixels of a photograph whose centres lie inside."""
-        x, y = torch.arange(width) + 0.5 - self.x, torch.arange(height) + 0.5 - self.y
+        x, y = (torch.arange(n, dtype=torch.float32) + 0.5 - at for n, at in ((width, self.x), (height, self.y)))
         return torch.hypot(x, y[:, None]) <= self.radius
 
     def leaves(self, height: int, width: int) -> bool:

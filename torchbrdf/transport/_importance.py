@@ -111,7 +111,7 @@ def representatives(profiles: Tensor, energy: Tensor) -> Tensor:
     peak = profiles[0, GRID[1] // 10].double() / energy.sqrt()
     lit = torch.nonzero(energy > 0).ravel()
     order = lit[peak[lit].argsort()]
-    chosen = torch.linspace(0, max(len(order) - 1, 0), min(len(order), _REPRESENTATIVES)).long()
+    chosen = torch.linspace(0, max(len(order) - 1, 0), min(len(order), _REPRESENTATIVES), dtype=torch.float32).long()
     return profiles.flatten(0, 1)[:, order[chosen.to(order.device)]].float().contiguous()
 
 

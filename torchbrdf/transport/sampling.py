@@ -61,7 +61,9 @@ class TransportSampler:
         """most: samples a pixel at most, a power of two; the generator (on the CPU) makes all that is random."""
         seed = int(torch.randint(0, 2**31, (1,), generator=generator))
         engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed)
-        points = (engine.draw(most, dtype=torch.float64).T * 2**DIGITS).to(torch.int32).contiguous()
+        drawn = engine.draw(most, dtype=torch.float64)
+        drawn[0] = drawn[0].float()  # the engine makes the first point in torch's default type
+        points = (drawn.T * 2**DIGITS).to(torch.int32).contiguous()
         device = strata.share.device
         return cls(strata, view, points.to(device), _random_shifts(len(view.pixels), generator).to(device))
 

@@ -89,7 +89,7 @@ class MeshView(View):
 
         Facets are turned towards the camera, whatever the order of their corners.
         """
-        steps = (torch.arange(self._fine) + 0.5) / self._fine
+        steps = (torch.arange(self._fine, dtype=torch.float32) + 0.5) / self._fine
         v, u = torch.cartesian_prod(steps, steps).T
         masks, parts = [], []
         for pixels in torch.arange(self._n**2).split(max(1, _RAYS // self._fine**2)):

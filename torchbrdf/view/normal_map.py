@@ -56,7 +56,7 @@ class NormalMapView(View):
             expected = (1, *normals.shape[1:])
             raise ValueError(f"mask must be bool {expected}, got {mask.dtype} {tuple(mask.shape)}")
         if view_dirs is None:
-            view_dirs = torch.tensor([0.0, 0.0, 1.0])[:, None, None].expand(normals.shape)
+            view_dirs = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float32)[:, None, None].expand(normals.shape)
         elif view_dirs.shape != normals.shape:
             raise ValueError(f"view_dirs must be {tuple(normals.shape)} like normals, got {tuple(view_dirs.shape)}")
         lengths, distance = (torch.linalg.vector_norm(each, dim=0, keepdim=True) for each in (normals, view_dirs))

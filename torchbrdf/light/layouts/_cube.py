@@ -95,7 +95,7 @@ class Cube:
         """The lat-long map (channels, height, 2 height) of the picture (channels, H, W): area means of its pixels."""
         n = self.side
         texels = image.flatten(1).t().contiguous()
-        frames = torch.zeros(3, 6, 3, device=image.device)  # right, down and towards of each face
+        frames = torch.zeros(3, 6, 3, device=image.device, dtype=torch.float32)  # right, down and towards of each face
         corners = []
         for k, ((column, row), face) in enumerate(self.layout.faces.items()):
             for j, name in enumerate((face.right, face.down, face.towards)):

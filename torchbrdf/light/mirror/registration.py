@@ -137,7 +137,8 @@ class _Pair:
     def refined(self, turn: Tensor) -> Tensor:
         """By Gauss-Newton steps on robust differences."""
         step = pi / self.first.shape[1] / 2
-        nudges = torch.stack([rotation_of(s * step * axis) for axis in torch.eye(3) for s in (1, -1)])
+        axes = torch.eye(3, dtype=torch.float64)
+        nudges = torch.stack([rotation_of(s * step * axis) for axis in axes for s in (1, -1)])
         for _ in range(_STEPS):
             off, weights = self._robust(turn)
             _, moved, _ = self.values(nudges @ turn)

@@ -73,7 +73,7 @@ def reflected(
     turn    (3, 3): a direction d in the camera's frame is R d in the map's; None where they are the same
     Texels are area means of bilinear lookups.
     """
-    matrix = torch.eye(3) if turn is None else turn.float()
+    matrix = torch.eye(3, dtype=torch.float32) if turn is None else turn.float()
     shown = usable & inside(reflection.ball).to(usable.device)
     rows, columns = (_span(shown.any(axis)) for axis in (1, 0))
     texels = _Texels.of(image[:, rows, columns], shown[rows, columns], (columns.start, rows.start))
@@ -88,7 +88,7 @@ def reflected(
 
     parts = max(_LOOKUPS, ceil(_LOOKUPS * reflection.rows / height))
     seen = _seen(area_mean(_in_chunks(radiance_of), height, 2 * height, parts, image.device))
-    y, x = torch.meshgrid(torch.arange(height), torch.arange(2 * height), indexing="ij")
+    y, x = (place.float() for place in torch.meshgrid(torch.arange(height), torch.arange(2 * height), indexing="ij"))
     g, _ = reflection.normals(directions_at(x, y, height, 2 * height) @ matrix)
     return Seen(seen.radiance, seen.weight * reflection.sharpness(g).to(image.device))
 
@@ -99,12 +99,12 @@ def surroundings(image: Tensor, usable: Tensor, ball: Ball, height: int, turn: T
     turn  as for `reflected`
     The weight is 1 where anything is seen.
     """
-    matrix = torch.eye(3) if turn is None else turn.float()
+    matrix = torch.eye(3, dtype=torch.float32) if turn is None else turn.float()
     camera = ball.camera
     beside = usable & ~touched(ball, _MARGIN).to(usable.device)
     pitch = max(1, floor(camera.focal * pi / (height - 1) / _LOOKUPS))
     texels = _Texels.of(image, beside, (0, 0), pitch)
-    corners = camera.rays(torch.cartesian_prod(*(torch.tensor([0.0, float(n)]) for n in camera.size[::-1])))
+    corners = camera.rays(torch.cartesian_prod(*(torch.tensor([0, n]) for n in camera.size[::-1])).float())
     shown = corners[:, 2].max()
 
     def radiance_of(directions: Tensor) -> Tensor:

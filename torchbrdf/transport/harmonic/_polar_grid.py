@@ -91,7 +91,7 @@ class PolarGrid:
         for n in points.unique().tolist():
             for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
                 places, lit = self._places(view, pixels[some], (torch.arange(n, dtype=torch.float32) + 0.5) / n, shape)
-                found.append((some, places.float(), lit / n**2))  # a normal that faces away is dark
+                found.append((some, places.float(), lit.float() / n**2))  # a normal that faces away is dark
         return found
 
     def _places(self, view: View, pixels: Tensor, at: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:

@@ -206,8 +206,9 @@ class _HalfVectors:
         fastest = torch.maximum(beside.sqrt(), torch.cos(theta_h - seen[:, None]))
         count = (azimuths * fastest * (1 - edge / pi) + _MORE * (edge > 0)).ceil().clamp_min(_FEWEST_AZIMUTHS)
         count = torch.where(edge < pi, count, 0).ravel().long()
-        share = (1 / count).repeat_interleave(count)
-        at = (torch.arange(len(share)) - (count.cumsum(0) - count).repeat_interleave(count) + 0.5) * share
+        share = (1 / count.float()).repeat_interleave(count)
+        place = torch.arange(len(share)) - (count.cumsum(0) - count).repeat_interleave(count)
+        at = (place.float() + 0.5) * share
         ring, meridian = (
             index.expand_as(edge).ravel().repeat_interleave(count)
             for index in (torch.arange(len(gamma))[:, None], torch.arange(len(theta_h)))

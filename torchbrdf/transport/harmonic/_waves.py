@@ -22,6 +22,6 @@ def waves(zone: Zone, line: int, frequencies: int | None = None) -> tuple[Tensor
     """
     places = PLACES * zone.rows
     frequency = torch.arange(zone.frequencies if frequencies is None else frequencies, dtype=torch.float64)[:, None]
-    angle = frequency * ((torch.arange(line) - 1) * (2 * pi / places))
+    angle = frequency * ((torch.arange(line, dtype=torch.float32) - 1) * (2 * pi / places))
     spread = torch.sinc(frequency / places) ** SUPPORT
     return (torch.cos(angle) / spread).float(), (torch.sin(angle) / spread).float()

@@ -6,7 +6,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary, without_autocast
+from torchbrdf.brdf import MaterialLibrary
+from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe, checked_rotation
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.harmonic.cache import transport_of

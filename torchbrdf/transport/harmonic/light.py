@@ -59,7 +59,7 @@ class TurningLight:
             return [_with_multiple(spectrum) for spectrum in self._turned(rotation).spectra]
         found = []
         for spectrum in self._upright.spectra:
-            phase = -angle * torch.arange(spectrum.shape[2], device=spectrum.device)
+            phase = -angle * torch.arange(spectrum.shape[2], device=spectrum.device, dtype=torch.float32)
             found.append(_with_multiple(spectrum * torch.polar(torch.ones_like(phase), phase)))
         return found
 

@@ -66,7 +66,7 @@ def banded_dual(products: Tensor, reach: int) -> Tensor:
         near = slice(first, first + 2 * reach + 1)
         terms = scaled[near]
         exact = products[near] @ cubics * scale[near, None]
-        system = torch.cat([torch.cat([terms @ terms.T, exact], 1), torch.cat([exact.T, torch.zeros(4, 4)], 1)])
+        system = torch.cat([torch.cat([terms @ terms.T, exact], 1), torch.cat([exact.T, exact.new_zeros(4, 4)], 1)])
         goal = torch.cat([terms[:, i], cubics[i] / scale[i]])
         dual[i, near] = torch.linalg.solve(system, goal)[: len(terms)]
     return dual * scale[:, None] * scale

@@ -6,7 +6,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MerlTable, without_autocast
+from torchbrdf.brdf import MerlTable
+from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe
 from torchbrdf.transport.harmonic._polar_grid import PolarGrid
 from torchbrdf.transport.harmonic._seen_tables import SeenTable
