@@ -49,7 +49,9 @@ def fit_analytic_to_image(
     view       of the photographed shape, H x W
     mask       (1, H, W)  bool, True = use
     start      parameters, tensors or numbers, or a fit of the same model to a reconstruction; None: several starts that
-               know nothing
+               know nothing. Numbers at or beyond a bound of `MODELS[model].parameters` are moved inside it, by 1e-4
+               (least squares) or 1e-3 (Adam) of the range, on the scale of the search (logarithms where the model
+               says so)
     method     "adam", gradient descent as inverse rendering uses it, or "least-squares", which takes fewer steps
     shared     parameters that are no colours are the same for R, G and B
     most_evaluations  of the model from each start; None: 600 or 100. Least squares keep at least half of them for a
