@@ -124,8 +124,8 @@ def test_the_light_of_a_page_is_read_alike_and_named_by_its_options(tmp_path):
 
 
 def test_the_embedded_probe_misspelt(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"^defualt: no such file \(did you mean default\?\); expected a light"):
-        open_probe(parsed("defualt"))
+    with pytest.raises(FileNotFoundError, match=r"^defaulx: no such file \(did you mean default\?\); expected a light"):
+        open_probe(parsed("defaulx"))
     with pytest.raises(FileNotFoundError, match=r"ball\.exr: no such file; expected an image"):
         open_probe(parsed(tmp_path / "ball.exr"))
 
