@@ -6,7 +6,6 @@ start that knows.
 """
 
 import time
-from collections.abc import Mapping
 from typing import Literal
 
 import torch
@@ -18,7 +17,7 @@ from torchbrdf.analytic._least_squares import climb_out, minimise
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.settings import MOST_ON_A_PHOTOGRAPH
-from torchbrdf.analytic.table_fit import DEFAULT_MODEL, AnalyticFit, serial_operations, starting_points
+from torchbrdf.analytic.table_fit import DEFAULT_MODEL, AnalyticFit, Start, serial_operations, starting_points
 from torchbrdf.analytic.variables import FitVariables
 from torchbrdf.light import LightProbe
 from torchbrdf.view import View
@@ -37,7 +36,7 @@ def fit_analytic_to_image(
     model: str = DEFAULT_MODEL,
     *,
     mask: Tensor | None = None,
-    start: Mapping[str, Tensor | float] | AnalyticFit | None = None,
+    start: Start | None = None,
     method: Method = "least-squares",
     shared: bool = True,
     most_evaluations: int | None = None,

@@ -109,6 +109,10 @@ class AnalyticFit:
         return MerlTable.from_function(self.f_r, f"{self.model} of {self.name}")
 
 
+Start = Mapping[str, Tensor | float] | AnalyticFit
+"""What a fit may start from: parameters by their names, or another fit."""
+
+
 def fit_analytic(
     material: MerlTable | Reconstruction,
     model: str = DEFAULT_MODEL,
@@ -116,7 +120,7 @@ def fit_analytic(
     *,
     library: MaterialLibrary | None = None,
     shared: bool = True,
-    start: Mapping[str, Tensor | float] | AnalyticFit | None = None,
+    start: Start | None = None,
     uncertainty: Tensor | None = None,
     largest_angle_deg: float = LARGEST_ANGLE_DEG,
     most_evaluations: int = MOST_EVALUATIONS,
@@ -201,9 +205,7 @@ def _given_uncertainty(uncertainty: Tensor, table: MerlTable) -> Uncertainty:
     return lambda index: std.reshape(-1, 3)[index]
 
 
-def starting_points(
-    variables: FitVariables, start: Mapping[str, Tensor | float] | AnalyticFit | None
-) -> tuple[np.ndarray, ...]:
+def starting_points(variables: FitVariables, start: Start | None) -> tuple[np.ndarray, ...]:
     """Vectors (V,) that a fit starts from: those of the model, or what is given, which must belong to it."""
     if start is None:
         return variables.starts
@@ -270,7 +272,7 @@ class _Search:
         shared: bool,
         largest_angle_deg: float,
         most_evaluations: int,
-        start: Mapping[str, Tensor | float] | AnalyticFit | None = None,
+        start: Start | None = None,
     ) -> "_Search":
         if not 0 < largest_angle_deg <= 90:
             raise ValueError(f"largest_angle_deg must be above 0 and at most 90, got {largest_angle_deg}")
