@@ -13,7 +13,7 @@ from torchbrdf.command_line import BAD_INPUT, RESUMABLE, fail, in_words
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._finished import lock_of, origin, record, warnings_of
 from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
-from torchbrdf.commands._photographs import Photograph, telling_swapped
+from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
 from torchbrdf.commands._results import (
     WEIGHTS,
@@ -112,7 +112,7 @@ class _Batch:
                 if self._is_finished(one, made_from):
                     continue
                 said: list[str] = []
-                with said_of(one.path, said), telling_swapped(one.path, own):
+                with said_of(one.path, said):
                     lit = lit_sight(own, self._inputs)
                 seen.append(_Seen(one, lit, made_from, said))
             if len(seen) == self._together:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
+from torchbrdf.commands._said import say
 from torchbrdf.commands._sight import Sight
 from torchbrdf.images import Window, read_metadata
-from torchbrdf.light import LightProbe
+from torchbrdf.light import LightProbe, clipped_share
 from torchbrdf.photograph import Circle
 from torchbrdf.report import Doubt
 
@@ -55,7 +55,7 @@ def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
 
     aligned  an alignment looks for the radiance of its lamps
     """
-    if share := probe.clipped_share:
+    if share := clipped_share(probe.radiance, probe.solid_angles):
         text = (
             f"{probe.name}: {share:.1%} of the sphere has its largest value, {float(probe.radiance.max()):g}, and "
             "looks clipped, as in a panorama of 8 bits: what is brighter there is lost, and no BRDF is right without "
@@ -68,10 +68,9 @@ def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
     return []
 
 
-def warn_of(doubts: Iterable[Doubt]) -> None:
-    """Say each."""
-    for doubt in doubts:
-        warnings.warn(doubt.text, UserWarning, stacklevel=2)
+def say_doubts(doubts: Iterable[Doubt]) -> None:
+    """Warn of each."""
+    say(doubt.text for doubt in doubts)
 
 
 def _fov_of(probe: str) -> str | None:

@@ -8,7 +8,7 @@ import torch
 
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
-from torchbrdf.commands._photographs import Photograph, telling_swapped
+from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, fit_of, summary, weights_record
 from torchbrdf.commands._results import (
     WEIGHTS,
@@ -33,7 +33,7 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
     names = [one.name for one in photographs]
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
-        lits = [_lit(one, options, inputs) for one in photographs]
+        lits = [lit_sight(one.its(options), inputs) for one in photographs]
         whole, fits = _solved(options, inputs, lits)
         write_table(folder, fits[0], options.uncertainty)
         said: dict[Photograph, list[str]] = {one: [] for one in photographs}
@@ -68,12 +68,6 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
         ]
         findings.add(photographs=told, joint_relative_error=whole.result.relative_error)
     return 0
-
-
-def _lit(photograph: Photograph, options: argparse.Namespace, inputs: Inputs) -> LitSight:
-    own = photograph.its(options)
-    with telling_swapped(photograph.path, own):
-        return lit_sight(own, inputs)
 
 
 def _solved(options: argparse.Namespace, inputs: Inputs, lits: Sequence[LitSight]) -> tuple[Fit, list[Fit]]:

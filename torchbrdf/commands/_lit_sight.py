@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands import _alignment
-from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, warn_of
+from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, say_doubts
 from torchbrdf.commands._inputs import open_library, open_probe
+from torchbrdf.commands._photographs import telling_swapped
 from torchbrdf.commands._reconstruction import Estimates
 from torchbrdf.commands._sight import read_observation
 from torchbrdf.lasting import LastFew
@@ -66,7 +67,7 @@ class Inputs:
     def __init__(self, options: argparse.Namespace) -> None:
         """Nothing is opened yet."""
         self._options = options
-        self._probes: LastFew[str, LightProbe] = LastFew(_PROBES)
+        self._probes: LastFew[str, tuple[LightProbe, list[Doubt]]] = LastFew(_PROBES)
 
     @cached_property
     def library(self) -> MaterialLibrary:
@@ -79,13 +80,14 @@ class Inputs:
         options = self._options
         return Estimates(self.library, options.penalty, options.constraint, options.robust)
 
-    def probe(self, given: str) -> LightProbe:
-        """A probe as `--probe` takes it; when it is opened, says what is doubtful of it."""
+    def probe(self, given: str) -> tuple[LightProbe, list[Doubt]]:
+        """A probe as `--probe` takes it, and what is doubtful of it, which is said when it is opened."""
 
-        def opened() -> LightProbe:
+        def opened() -> tuple[LightProbe, list[Doubt]]:
             probe = open_probe(argparse.Namespace(**vars(self._options) | {"probe": given}))
-            warn_of(doubts_of_light(probe, self._options.align))
-            return probe
+            doubts = doubts_of_light(probe, self._options.align)
+            say_doubts(doubts)
+            return probe, doubts
 
         return self._probes.get_or_make(given, opened)
 
@@ -95,11 +97,12 @@ def lit_sight(options: argparse.Namespace, inputs: Inputs) -> LitSight:
     size = options.size
     if options.basis is not None and size is None:
         size = BasisImages.load(options.basis).size[1]
-    sight = read_observation(options, size)  # first: the library may take long to open
-    doubts = doubts_of_sight(options, sight, options.exposure or options.white_balance)
-    warn_of(doubts)
-    probe, found = inputs.probe(options.probe), None
-    doubts += doubts_of_light(probe, options.align)
+    with telling_swapped(options.photo, options):
+        sight = read_observation(options, size)  # first: the library may take long to open
+        doubts = doubts_of_sight(options, sight, options.exposure or options.white_balance)
+        say_doubts(doubts)
+        probe, of_light = inputs.probe(options.probe)
+    found = None
     light = ", ".join(filter(None, (probe.name.removeprefix("light probe "), probe.reading)))
     basis = None if options.basis is None else BasisImages.load(options.basis, inputs.library, probe, sight.view)
     observation = sight.observation
@@ -111,4 +114,4 @@ def lit_sight(options: argparse.Namespace, inputs: Inputs) -> LitSight:
         sight, probe, basis = _alignment.seen_anew(sight, found), found.probe, _alignment.basis_of(found)
         observation = _alignment.divided(sight.observation, found)
     scene = None if options.no_report else sight.scene
-    return LitSight(observation, sight.view, sight.about, probe, light, basis, found, scene, tuple(doubts))
+    return LitSight(observation, sight.view, sight.about, probe, light, basis, found, scene, (*doubts, *of_light))

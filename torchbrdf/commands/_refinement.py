@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from torchbrdf.analytic import AnalyticFit, CellTransport, fit_analytic_to_image
-from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, warn_of
+from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, say_doubts
 from torchbrdf.commands._inputs import about
 from torchbrdf.commands._options import add_photographed
 from torchbrdf.commands._sight import Sight, read_observation
@@ -41,7 +41,7 @@ class Refinement:
         """Of `options.photograph`, found in its frame as `fit` finds it, at its own size, at most 128."""
         options = argparse.Namespace(**vars(options) | {"photo": options.photograph})
         sight = read_observation(options, None)
-        warn_of([*doubts_of_sight(options, sight), *doubts_of_light(probe)])
+        say_doubts([*doubts_of_sight(options, sight), *doubts_of_light(probe)])
         return cls(options.photo, sight, probe, CellTransport.build(probe, sight.view))
 
     def refined(self, start: AnalyticFit, most_evaluations: int | None) -> AnalyticFit:

@@ -74,7 +74,6 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
 
 def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._lit_sight import Inputs, lit_sight
-    from torchbrdf.commands._photographs import telling_swapped
     from torchbrdf.commands._reconstruction import summary, weights_record
     from torchbrdf.commands._results import (
         WEIGHTS,
@@ -90,8 +89,7 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
 
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
-        with telling_swapped(options.photo, options):
-            lit = lit_sight(options, inputs)
+        lit = lit_sight(options, inputs)
         setting = inputs.estimates.setting(lit.probe, lit.view, lit.basis)
         (fitted,) = inputs.estimates.fits([lit.observation], setting)
         if options.no_report:

@@ -68,7 +68,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
 def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, LightProbe]:
     """What was photographed, what came of it, the library, and the photograph's light."""
     from torchbrdf.brdf import MaterialLibrary
-    from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, warn_of
+    from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, say_doubts
     from torchbrdf.commands._demonstration import MATERIAL, photographed
     from torchbrdf.commands._inputs import open_library, open_probe
     from torchbrdf.commands._photographs import telling_swapped
@@ -89,7 +89,7 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
         raise ValueError("a photograph needs the light probe of its light: give --probe")
     with telling_swapped(options.photo, options):
         sight, probe = read_observation(options, options.size), open_probe(options)
-    warn_of([*doubts_of_sight(options, sight), *doubts_of_light(probe)])
+    say_doubts([*doubts_of_sight(options, sight), *doubts_of_light(probe)])
     library = open_library(options)
     return options.photo.name, fit(sight.observation, probe, library, view=sight.view, **estimation), library, probe
 

@@ -271,7 +271,7 @@ class BRDFEstimator(SharedBuffers):
         if self.constraint is not None and len(weights):
             closest = constrain(weights, found.precision(found.shares), self.constraint, self._bounds)
             weights, optimality = closest.weights, closest.optimality
-        fitted = self.bank.space.render(weights, y.dtype)
+        fitted = (bank if whole else self.bank).space.render(weights, y.dtype)
         residual = y - fitted if whole else (y - fitted)[..., used]
         error = _squared_norm(residual)[:, None]
         growth = bank.space.growth(residual, weights[:, None] - class_weights)

@@ -1,5 +1,5 @@
 from ._picture import checked_reflectance as checked_reflectance
-from .lamps import Lamps as Lamps
+from .lamps import Lamps as Lamps, clipped_share as clipped_share
 from .latlong import (
     area_mean as area_mean,
     directions_at as directions_at,

@@ -24,7 +24,7 @@ from torchbrdf.light._picture import KNOWN, LAMPS_KEY, ROWS_KEY, LightPicture, c
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.light._sampling import ImportanceTables
 from torchbrdf.light._soundness import sound
-from torchbrdf.light.lamps import Lamps, bounded, clipped_share, lamps_of
+from torchbrdf.light.lamps import Lamps, bounded, lamps_of
 from torchbrdf.light.latlong import bilinear, resize, rotate, row_solid_angles
 from torchbrdf.light.rotations import checked_rotation
 from torchbrdf.light.settings import Layout, Rows
@@ -167,13 +167,7 @@ class LightProbe:
     @cached_property
     def lamps(self) -> Lamps | None:
         """What of the radiance may be clipped, by the file or the array that it came from; `open` looks by itself."""
-        weights = row_solid_angles(self.height, self.width, self.device)[:, None]
-        return lamps_of(self._radiance, weights, self._infinite)
-
-    @cached_property
-    def clipped_share(self) -> float:
-        """The share of the sphere that looks clipped where that is more than `lamps`; else 0."""
-        return clipped_share(self._radiance, row_solid_angles(self.height, self.width, self.device)[:, None])
+        return lamps_of(self._radiance, self.solid_angles, self._infinite)
 
     @property
     def height(self) -> int:
