@@ -152,8 +152,7 @@ def _pictures(library: tb.MaterialLibrary, shown: tb.SphereView, samples: int | 
     """Weights (K, n, 3) -> radiance (K, 3, 2 T, 2 T) under the studio light, by the transport asked for."""
     if samples is None:
         return tb.HarmonicBasis(library, studio(), shown).images_of
-    basis = tb.render_basis(library, studio(), shown, "sampled", samples, progress=True)
-    return lambda weights: basis.unpack(torch.einsum("knc,ncp->kcp", weights, basis.packed))
+    return tb.render_basis(library, studio(), shown, "sampled", samples, progress=True).render
 
 
 def settings_of(library: tb.MaterialLibrary, options: argparse.Namespace) -> dict[str, object]:

@@ -75,11 +75,6 @@ def render_lights(options: argparse.Namespace) -> Lights:
     return Lights(library, found[0], tuple(found[2:]), found[1], view)
 
 
-def relit(weights: Tensor, light: tb.BasisImages) -> Tensor:
-    """(B, 3, P)."""
-    return torch.einsum("bnc,ncp->bcp", weights, light.packed)
-
-
 def train(
     restorer: Restorer, maps: ReflectanceMaps, lights: Sequence[tb.BasisImages], options: argparse.Namespace
 ) -> None:
@@ -92,7 +87,7 @@ def train(
         light = lights[step % len(lights)]
         restored = restorer(batch["image"])
         weights = restorer.estimate(restored).weights
-        novel = relative(relit(weights, light), relit(batch["weights"], light)).mean()
+        novel = relative(light.render(weights), light.render(batch["weights"])).mean()
         loss = novel + relative(restored, batch["clean"]).mean()
         optimiser.zero_grad()
         loss.backward()
@@ -115,7 +110,7 @@ def run_seed(seed: int, lights: Lights, options: argparse.Namespace) -> tuple[di
     train(restorer, maps, [one.without(*held_out) for one in lights.training], options)
 
     clean = torch.stack([lights.photograph.image(name) for name in held_out]).repeat(REPEATS, 1, 1, 1)
-    wanted = torch.stack([lights.test.pack(lights.test.image(name)) for name in held_out]).repeat(REPEATS, 1, 1)
+    wanted = torch.stack([lights.test.image(name) for name in held_out]).repeat(REPEATS, 1, 1, 1)
     photographs, free = defects(known=True)(clean, lights.view.mask.expand(len(clean), -1, -1, -1))
     methods: dict[str, Callable[[], tb.Reconstruction]] = {
         "trained": lambda: plain(restorer(photographs)),
@@ -125,7 +120,7 @@ def run_seed(seed: int, lights: Lights, options: argparse.Namespace) -> tuple[di
         "without defects": lambda: plain(clean),
     }
     with torch.no_grad():
-        return {name: relative(relit(method().weights, test), wanted) for name, method in methods.items()}, restorer
+        return {name: relative(test.render(method().weights), wanted) for name, method in methods.items()}, restorer
 
 
 def table(found: Mapping[int, Mapping[str, Tensor]]) -> str:

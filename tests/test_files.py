@@ -18,6 +18,7 @@ from torchbrdf.files import (
     FullDiskError,
     being_written,
     cache_folder,
+    did_you_mean,
     existing_file,
     remove_unfinished,
     replacing_folder,
@@ -83,6 +84,23 @@ def test_a_file_that_is_misspelt(tmp_path: Path, name: str, meant: str | None):
         existing_file(tmp_path / name, "an image")
     told = "" if meant is None else f" (did you mean {meant}?)"
     assert str(raised.value) == f"{tmp_path / name}: no such file{told}; expected an image"
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("gold", "gold-paint or two-layer-gold or gold-metallic-paint"),  # the shortest first, and no more than three
+        ("steel", "chrome-steel"),  # though teal has more of its letters
+        ("brass", "own/brass"),
+        ("chrme-steel", "chrome-steel"),
+        ("Metal", "gold-metallic-paint"),
+        ("nt", None),
+        ("", None),
+    ],
+)
+def test_a_name_that_holds_the_word_is_meant(word: str, meant: str | None):
+    names = [f"gold-metallic-paint{i}" for i in ("", 2, 3)] + ["gold-paint", "two-layer-gold", "teal", "chrome-steel"]
+    assert did_you_mean(word, [*names, "own/brass"]) == ("" if meant is None else f" (did you mean {meant}?)")
 
 
 @pytest.mark.parametrize(

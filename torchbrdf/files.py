@@ -42,6 +42,12 @@ OTHER_DISK = "set TORCHBRDF_CACHE to another disk"
 _SAME_STEM = 0.75
 """Share of letters in common, of names without their suffix, from which one may be the other misspelt."""
 
+_FEW = 3
+"""Names that are suggested, at most."""
+
+_SYLLABLE = 3
+"""Fewer letters are in too many names to tell which was meant."""
+
 _being_written: set[Path] = set()
 
 
@@ -101,12 +107,19 @@ def _misspelt(path: Path) -> str:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The end of a message about a word that is none of those known, the nearest; empty where none is near."""
+    """The end of a message about a word that is none of those known; empty where none is near.
+
+    Names of which it is one of the words, up to three of them; else the shortest that holds it; else the nearest by its
+    letters.
+    """
     from difflib import get_close_matches
 
     by_letters = {name.strip("-").casefold(): name for name in known}
-    close = get_close_matches(word.strip("-").casefold(), by_letters, n=1)
-    return f" (did you mean {by_letters[close[0]]}?)" if close else ""
+    letters = word.strip("-").casefold()
+    holding = sorted((one for one in by_letters if len(letters) >= _SYLLABLE and letters in one), key=len)
+    whole = [one for one in holding if letters in re.split(r"[\W_]+", one)]
+    close = whole[:_FEW] or holding[:1] or get_close_matches(letters, by_letters, n=1)
+    return f" (did you mean {' or '.join(by_letters[one] for one in close)}?)" if close else ""
 
 
 class FullDiskError(OSError):

@@ -65,8 +65,7 @@ def align_case(
         weights = tb.BRDFEstimator(basis, classes)(image).weights
         errors = []
         for name, target in novel.items():
-            packed = basis_under(lights[name]).packed
-            shown = light.view.unpack(torch.einsum("nsp,ns->sp", packed, weights).clamp_min(0))
+            shown = basis_under(lights[name]).render(weights).clamp_min(0)
             errors.append(relative_rms(shown, target.photograph, light.view.mask))
         return sum(errors) / len(errors)
 

@@ -98,14 +98,12 @@ def errors() -> Tensor:
     found = torch.empty(len(MATERIALS), len(DEFECTS), len(SETTINGS))
     for i, name in enumerate(tqdm(MATERIALS)):
         without, classes = basis.without(name), tb.MaterialClasses.fit(whole.without(name))
-        expected = novel.pack(novel.image(name))
-        others = novel.without(name).packed
+        expected, others = novel.image(name), novel.without(name)
         for k, setting in enumerate(SETTINGS.values()):
             estimate = tb.BRDFEstimator(without, classes, **setting)
             for j, defect in enumerate(DEFECTS.values()):
                 photograph = photographs[defect.degrees].image(name)
-                weights = estimate(*defect.spoil(photograph, view.mask)).weights
-                got = torch.einsum("nc,ncp->cp", weights, others)
+                got = others.render(estimate(*defect.spoil(photograph, view.mask)).weights)
                 found[i, j, k] = (got - expected).norm() / expected.norm()
     return found
 

@@ -119,7 +119,7 @@ class Judge:
         """Of a single result; room  basis images under the light in which the report shows it."""
         columns = [3 * self.names.index(name) + channel for name in result.names for channel in range(3)]
         weights = result.weights.double()
-        radiance = torch.einsum("nc,ncp->cp", weights, room.packed.double())
+        radiance = room.render(weights)
         return Row(
             **labels,
             residual=float(result.relative_error),
@@ -187,8 +187,7 @@ def left_out(library: tb.MaterialLibrary, light: str, judge: Judge) -> Iterator[
             weights = result.weights.double()
             errors = []
             for whole, one in zip(novel, others, strict=True):
-                truth = whole.pack(whole.image(material)).double()
-                got = torch.einsum("nc,ncp->cp", weights, one.packed.double())
+                truth, got = whole.image(material).double(), one.render(weights)
                 errors.append(float((got - truth).norm() / truth.norm()))
             labels = {"material": material, "light": light, "defect": defect, "even": i // STEP % 2 == 0}
             yield judge.row(result, others[shown], errors, **labels)

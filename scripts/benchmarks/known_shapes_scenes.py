@@ -78,8 +78,8 @@ class Judge:
         for i, (material, result) in enumerate(results.items()):
             errors = []
             for basis, truth in self.novel.values():
-                packed = torch.einsum("nc,ncp->cp", result.weights, basis.without(material).packed)
-                errors.append(relative_rms(basis.unpack(packed), truth[i], self.view.mask))
+                shown = basis.without(material).render(result.weights)
+                errors.append(relative_rms(shown, truth[i], self.view.mask))
             judgements[material] = Judgement(float(result.relative_error), float(np.mean(errors)))
         return judgements
 

@@ -69,8 +69,7 @@ def novel_error(
         weights = estimator(light[0].unpack(packed[0])).weights
         for other, (basis, again) in probes.items():
             if other not in name:
-                shown = torch.einsum("nc,ncp->cp", weights, basis.subset(less.names).packed.double())
-                truth = again.pack(again.image(material)).double()
+                shown, truth = basis.subset(less.names).render(weights), again.image(material).double()
                 errors.append((shown - truth).norm() / truth.norm())
     return float(torch.stack(errors).mean())
 

@@ -117,7 +117,7 @@ def precondition(
     reconstructed = {}
     for name in [name for name in probes if name != observed]:
         basis = basis_images(known, probe_paths[name], probes[name], size)
-        reconstructed[name] = basis.unpack(torch.einsum("nc,ncp->cp", result.weights, basis.packed))
+        reconstructed[name] = basis.render(result.weights)
     starts = {"default": chosen.defaults, "reconstruction": fit.parameters}
     draws = random_parameters(model, int.from_bytes(hashlib.sha256(key.encode()).digest()[:4]), random_starts)
     starts |= {f"random {i}": one for i, one in enumerate(draws)}

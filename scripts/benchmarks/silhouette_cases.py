@@ -94,7 +94,7 @@ def silhouette_case(
         errors = []
         for name in probes:
             if name != observed:
-                shown = view.unpack(torch.einsum("nsp,ns->sp", basis_under(lights[name]).packed, weights).clamp_min(0))
+                shown = basis_under(lights[name]).render(weights).clamp_min(0)
                 errors.append(relative_rms(shown, avg_pool2d(fine[name].clamp_min(0), FINER * 3), view.mask))
         return sum(errors) / len(errors)
 

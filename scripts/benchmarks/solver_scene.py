@@ -91,7 +91,7 @@ class Scene:
         """How far renderings of weights (B, n, 3) are from those of others: fitted, and under the other light."""
         pairs = []
         for basis in (self.basis, self.novel):
-            a, b = (torch.einsum("nsp,bns->bsp", basis.packed.double(), w.double()) for w in (weights, reference))
+            a, b = (basis.render(w.double()) for w in (weights, reference))
             pairs.append(float((a - b).norm() / b.norm()))
         return pairs[0], pairs[1]
 

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -146,7 +147,7 @@ class TestSelection:
         assert some.subset(["white"]).names == ("white",)
 
     def test_unknown_name_suggests_the_nearest(self, tiny_library: MaterialLibrary):
-        expected = "no material 'gold-0.4' in this library of 10; did you mean gold-0.3"
+        expected = r"no material 'gold-0.4' in this library of 10 \(did you mean gold-0.3\?\)"
         for use in (tiny_library.table, tiny_library.without, lambda name: tiny_library.subset([name])):
             with pytest.raises(ValueError, match=expected):
                 use("gold-0.4")
@@ -269,7 +270,16 @@ class TestCombine:
 
     def test_weights_with_a_gradient(self, tiny_library: MaterialLibrary):
         weights = torch.full((30, 3), 0.1, requires_grad=True)
-        assert float(tiny_library.combine(weights).values.max()) > 0
+        lost = r"no gradient flows to weights through a table: .* use basis\.render\(weights\)"
+        with pytest.warns(UserWarning, match=lost) as caught:
+            table = tiny_library.combine(weights)
+        assert [warning.filename for warning in caught] == [__file__]
+        assert float(table.values.max()) > 0
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with torch.no_grad():
+                tiny_library.combine(weights)
+            tiny_library.combine(weights.detach())
 
 
 class TestFromMerl:
@@ -319,6 +329,22 @@ class TestFromMerl:
                 resident = int(line.split()[1])
         assert resident is not None
         assert resident < 8_000, f"{resident} kB of 69984 kB are resident"
+
+    def test_what_takes_long_is_said_before_it_begins(
+        self, two_files: Path, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ):
+        monkeypatch.setattr("torchbrdf.brdf.library_cache._SECONDS", 8.0)
+        MaterialLibrary.from_merl(two_files)
+        (folder,) = (path.parent for path in fresh_cache.rglob("manifest.json"))
+        expected = f"library of 2 materials: converted once, which takes about 16 s, and kept in {folder}\n"
+        assert capsys.readouterr().err == expected
+        MaterialLibrary.from_merl(two_files)
+        (two_files / "white.binary").touch()
+        MaterialLibrary.from_merl(two_files, progress=False)
+        monkeypatch.setattr("torchbrdf.brdf.library_cache._SECONDS", 0.2)
+        (two_files / "white.binary").touch()
+        MaterialLibrary.from_merl(two_files)
+        assert capsys.readouterr().err == ""
 
     def test_a_changed_source_rebuilds(self, two_files: Path, fresh_cache: Path):
         before = MaterialLibrary.from_merl(two_files, progress=False)

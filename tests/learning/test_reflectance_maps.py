@@ -189,6 +189,31 @@ def test_bad_input(message: str):
         BAD[message]()
 
 
+def test_slices_and_tensors_are_lists():
+    maps = ReflectanceMaps(basis(), length=5)
+    for index in (slice(0, 3), torch.arange(3), range(3), (0, 1, 2), torch.tensor([0, -4, 2])):
+        assert equal(maps[index], maps[[0, 1, 2]])
+    assert equal(maps[torch.tensor(2)], maps[2])
+    assert len(maps[1:]["image"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("index", "error", "message"),
+    [
+        ([], ValueError, "no index is given; ask for one sample at least"),
+        (slice(9, 12), ValueError, "no index is given"),
+        ([0, 5], IndexError, "index 5 of 5 samples"),
+        ([0, -6], IndexError, "index -6 of 5 samples"),
+        (torch.tensor([0.0]), ValueError, "indices of samples must be whole numbers, got 0.0"),
+        (torch.tensor([True, False]), ValueError, "indices of samples must be whole numbers, got True"),
+        ("a", ValueError, "indices of samples must be whole numbers, got 'a'"),
+    ],
+)
+def test_indices_of_no_samples(index: object, error: type[Exception], message: str):
+    with pytest.raises(error, match=message):
+        ReflectanceMaps(basis(), length=5)[index]
+
+
 def test_index_out_of_range():
     with pytest.raises(IndexError, match="index 9 of 9 samples"):
         ReflectanceMaps(basis(), length=9)[9]

@@ -640,13 +640,14 @@ def test_negative_values_are_clamped_with_a_warning():
         (
             torch.ones(3, 64, 64),
             "light probe must be lat-long (width = 2 x height), got 64 x 64; it looks like a mirror ball or an angular "
-            "map: give --probe-layout mirror_ball or --probe-layout angular",
+            "map: give --probe-layout mirror_ball or --probe-layout angular "
+            "(layout= and circle= of tb.LightProbe.open in Python)",
         ),
         (
             torch.ones(3, 1, 2),
             "light probe must be lat-long (width = 2 x height), got 1 x 2; "
             "crop or convert it; for a photograph of a mirror ball give --probe-layout mirror_ball with "
-            "--probe-circle X Y R",
+            "--probe-circle X Y R (layout= and circle= of tb.LightProbe.open in Python)",
         ),
         (torch.ones(4, 8, 3), "light probe must be (3, H, W) linear RGB, got (4, 8, 3)"),
         (torch.ones(1, 3, 4, 8), "light probe must be (3, H, W) linear RGB, got (1, 3, 4, 8)"),

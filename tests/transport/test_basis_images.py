@@ -76,6 +76,45 @@ class TestContents:
         assert image[:, 1, 1].tolist() == [303, 413, 523]
         assert image[:, 0, 1].tolist() == [0, 0, 0]
 
+    def test_a_name_that_is_nearly_one_is_suggested(self, basis: BasisImages):
+        with pytest.raises(ValueError, match=r"no material 'gold' among .* \(did you mean gold-0.3\?\)"):
+            basis.image("gold")
+
+    @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+    @pytest.mark.parametrize("batch", [(), (2,), (2, 0), (1, 2)])
+    def test_combinations_are_weighted_sums_in_the_precision_of_the_weights(
+        self, batch: tuple[int, ...], dtype: torch.dtype
+    ):
+        basis, weights = small(), torch.rand(*batch, 6, 3, dtype=dtype)
+        shown = sum(weights[..., i, :, None] * basis.packed[i] for i in range(6))
+        with torch.autocast("cpu", torch.bfloat16):
+            image = basis.render(weights)
+        assert image.dtype == dtype
+        torch.testing.assert_close(image, basis.unpack(shown.to(dtype)))
+
+    def test_a_material_is_its_own_combination(self):
+        weights = torch.zeros(6, 3)
+        weights[[3, 4, 5], [0, 1, 2]] = 1
+        assert torch.equal(small().render(weights), small().image("b"))
+
+    def test_gradients_of_combinations_reach_weights_and_images(self):
+        weights = torch.rand(2, 6, 3, dtype=torch.float64, requires_grad=True)
+        packed = torch.rand(6, 3, 4, dtype=torch.float64, requires_grad=True)
+        assert torch.autograd.gradcheck(lambda w, y: small(packed=y).render(w), (weights, packed))
+
+    @pytest.mark.parametrize(
+        ("weights", "got"),
+        [
+            (torch.zeros(3, 6), r"\(3, 6\) torch.float32"),
+            (torch.zeros(6), r"\(6,\) torch.float32"),
+            (torch.zeros(6, 3, dtype=torch.int64), r"\(6, 3\) torch.int64"),
+        ],
+    )
+    def test_weights_of_another_shape_or_type(self, weights: torch.Tensor, got: str):
+        expected = r"weights must be \(\*batch, 6, 3\) floating-point numbers for these basis images, got "
+        with pytest.raises(ValueError, match=expected + got):
+            small().render(weights)
+
     def test_pack_and_unpack(self):
         basis = small()
         image = torch.arange(12.0).reshape(2, 1, 2, 3)

@@ -52,7 +52,7 @@ class Build:
     def convert(self, write: Callable[[int, Tensor], None], progress: bool) -> None:
         """Write every row of the columns as float16; those of new materials are not yet filled."""
         m = len(self.names)
-        with progress_bar(total=len(self.fresh) + GRID[0], desc="material library", shown=progress) as bar:
+        with progress_bar(total=len(self.fresh) + GRID[0], desc="steps of the material library", shown=progress) as bar:
             self.scale = torch.ones(3 * m, dtype=torch.float64)
             self.valid = torch.empty(m, N_CELLS // 8, dtype=torch.uint8)
             self.said = [()] * m

@@ -11,11 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import warn_of_lost_gradient
 from torchbrdf.brdf._combination import combined
 from torchbrdf.brdf._library_building import build_in_memory
 from torchbrdf.brdf.column_sources import EmbeddedSource, MerlSource, StampedSource, TableSource
 from torchbrdf.brdf.library_cache import MIXTURE, open_or_build
-from torchbrdf.brdf.members import Member, as_list, library_members
+from torchbrdf.brdf.members import Member, as_list, library_members, position_among
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
@@ -217,14 +218,8 @@ class MaterialLibrary:
         return self.stored.gram[self.column_index][:, self.column_index]
 
     def position(self, name: str) -> int:
-        """Where a material stands among the names. Raises ValueError with the closest names."""
-        import difflib
-
-        if name in self.names:
-            return self.names.index(name)
-        alike = [one for one in self.names if one.endswith(f"/{name}")]
-        close = alike or difflib.get_close_matches(name, self.names) or self.names[:3]
-        raise ValueError(f"no material {name!r} in this library of {len(self)}; did you mean {', '.join(close)}?")
+        """Where a material stands among the names. Raises ValueError with the closest name."""
+        return position_among(self.names, name, f"in this library of {len(self)}")
 
     def to(self, device: torch.device | str) -> "MaterialLibrary":
         """The library with its columns on another device (9 MB a material), where `render_basis` then runs."""
@@ -253,7 +248,8 @@ class MaterialLibrary:
         """The table rho = B w [CBP21, eq. 1], cells below zero set to zero.
 
         weights  (n, 3)  one column a colour channel of the result
-        A cell counts as measured where every material with a weight measured it.
+        A cell counts as measured where every material with a weight measured it. No gradient flows through it, of which
+        it warns; for a loss under other light use `BasisImages.render`.
         """
         if weights.shape != (self.n, 3):
             raise ValueError(f"weights must be ({self.n}, 3) for this library, got {tuple(weights.shape)}")
@@ -269,6 +265,8 @@ class MaterialLibrary:
                 f"weights must be ({len(names)}, {self.n}, 3) for these names and this library, "
                 f"got {tuple(weights.shape)}"
             )
+        instead = "for a loss under other light use basis.render(weights)"
+        warn_of_lost_gradient(weights, "weights through a table", instead)
         weights = weights.detach().cpu().double()
         has_weight = (weights != 0).any(2)  # (K, n)
         used = torch.nonzero(has_weight.any(0)).ravel()

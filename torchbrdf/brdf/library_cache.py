@@ -25,10 +25,17 @@ from torchbrdf.brdf.merl import LARGEST
 from torchbrdf.brdf.merl_grid import N_CELLS
 from torchbrdf.brdf.stored_columns import Part, StoredColumns
 from torchbrdf.files import OTHER_DISK, check_room, replacing_folder, writing
+from torchbrdf.progress import announce
 
 FORMAT = 1
 MIXTURE = "mixture-"
 """How the folders begin of libraries of several folders or files."""
+
+_SECONDS = 0.1
+"""To convert a material, about."""
+
+_LONG = 5.0
+"""Seconds of which is said beforehand that they will pass."""
 
 _KEPT_MIXTURES = 8
 """The last ones that were opened: each change of what is mixed makes another, of 9 MB a material."""
@@ -169,6 +176,12 @@ def _build_folder(
     check_room(folder.parent, 1.05 * 2 * N_CELLS * 3 * len(source.names), "the library cache")
     with replacing_folder(folder, OTHER_DISK) as temporary:
         build = Build(source, stamps, known)
+        seconds = _SECONDS * len(build.fresh)
+        announce(
+            f"library of {len(source.names)} materials: converted once, which takes about {seconds:.0f} s, and kept in "
+            f"{folder}",
+            shown=progress and seconds >= _LONG,
+        )
         with open(temporary / "columns.f16", "wb") as file, ThreadPoolExecutor(1) as writer:
             written: list[Future[None]] = []
 

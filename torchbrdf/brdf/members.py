@@ -8,7 +8,7 @@ from pathlib import Path
 
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.settings import EMBEDDED, RESULT, RGL_SUFFIX, TABLE_SUFFIXES
-from torchbrdf.files import existing_file
+from torchbrdf.files import did_you_mean, existing_file
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,16 @@ class Member:
         if self.path.suffix.lower() == RGL_SUFFIX:
             return "RGL"
         return "fit" if self.path.name == RESULT else "MERL"
+
+
+def position_among(names: Sequence[str], name: str, where: str) -> int:
+    """Where a material stands among names. Raises ValueError with the closest name where it is none of them.
+
+    where  it was sought, in the message
+    """
+    if name not in names:
+        raise ValueError(f"no material {name!r} {where}{did_you_mean(name, names)}")
+    return names.index(name)
 
 
 def library_members(

@@ -176,11 +176,23 @@ class MerlTable:
 
     @classmethod
     def from_function(cls, f_r: Callable[[Tensor, Tensor], Tensor], name: str = "unnamed") -> "MerlTable":
-        """Tabulate f_r(w_i, w_o) -> (..., 3) at the centres of the cells above the horizon."""
+        """Tabulate f_r(w_i, w_o) at the centres of the cells above the horizon.
+
+        f_r  unit directions (N, 3) to light and camera -> (N, 3) in 1/sr, or what spreads to that: (N, 1) of a grey
+             material, (3,) of one that is the same everywhere
+        Raises ValueError where it gives something else.
+        """
         valid = above_horizon()
-        w_i, w_o = from_half_difference(*cell_centres())
+        w_i, w_o = (directions[valid] for directions in from_half_difference(*cell_centres()))
+        given = f_r(w_i, w_o)
+        shape = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
+        if shape not in ((len(w_i), 3), (len(w_i), 1), (1, 3), (3,), (1,), ()):
+            raise ValueError(
+                f"{name}: f_r must give a tensor {(len(w_i), 3)}, R, G and B for each pair of directions, got {shape}; "
+                "[..., None] makes one of a grey material's values"
+            )
         values = torch.zeros(*GRID, 3, dtype=torch.float64)
-        values[valid] = f_r(w_i[valid], w_o[valid]).to(torch.float64)
+        values[valid] = given.to(torch.float64)
         return cls(values, valid, name)
 
     def save(self, path: str | os.PathLike[str], spectral: bool = False) -> None:

@@ -94,6 +94,7 @@ class Reconstruction:
     def brdf(self, library: MaterialLibrary) -> MerlTable:
         """The full table rho = B w, cells below zero set to zero.
 
+        No gradient flows through it, of which it warns; for a loss under other light use `basis.render(weights)`.
         Raises ValueError for a batch (pick one with result[i]) or another library than that of the basis images.
         """
         self._check(library)
@@ -113,7 +114,7 @@ class Reconstruction:
         """(3, H, W): standard deviation of every pixel of the material rendered with basis images of any probe.
 
         The pixel is within 1.645 of these of the rendering of `weights` with a probability of 90 %; see
-        docs/uncertainty.md for how often that held. 0 outside the mask.
+        docs/uncertainty.md for how often that held. 0 outside the mask. No gradient flows through it.
         """
         if (basis.library, basis.names) != (self.library, self.names):
             raise ValueError("these basis images show another library than those of the photograph")

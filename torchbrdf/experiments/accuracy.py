@@ -180,11 +180,7 @@ class Experiment:
         if self.tables:
             tables = [self.library.combine(one) for one in weights]
             return {name: render_tables(tables, self.probes[name], self.view, seed=3000) for name in names}
-        rendered = {}
-        for name in names:
-            packed = torch.einsum("bnc,ncp->bcp", weights.double(), self.bases[name].packed.double())
-            rendered[name] = self.view.unpack(packed)
-        return rendered
+        return {name: self.bases[name].render(weights.double()) for name in names}
 
     def error(self, rendered: Tensor, material: str, probe: str) -> float:
         """Of a rendering (3, H, W) under a probe."""

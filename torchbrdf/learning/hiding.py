@@ -92,6 +92,7 @@ class RandomSilhouetteErosion(HidingAugmentation):
 
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
         """Draw a distance for each image."""
+        check_size(batch_shape, self.eroded)
         least, most = self.flags["pixels"]
         return {"pixels": self.uniform(batch_shape, (least, most + 1)).long().clamp_max(most)}
 
@@ -175,6 +176,7 @@ class RandomStand(HidingAugmentation):
 
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
         """Draw width and shade for each image."""
+        check_size(batch_shape, self.radii)
         shade = self.uniform(batch_shape, self.flags["radiance"], 1, 1, 1)
         return {"radius": self.uniform(batch_shape, self.flags["radius"]), "radiance": shade}
 
@@ -217,6 +219,7 @@ class RandomReflection(HidingAugmentation):
 
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
         """Draw size and darkening for each image."""
+        check_size(batch_shape, self.angles)
         size = self.uniform(batch_shape, self.flags["half_angle_deg"])
         return {"half_angle_deg": size, "darkening": self.uniform(batch_shape, self.flags["darkening"], 1, 1, 1)}
 
@@ -260,6 +263,13 @@ class RandomDropout(HidingAugmentation):
         """The patches that were lucky."""
         kept = (params["luck"] >= params["share"]).float()
         return interpolate(kept, scale_factor=flags["patch"], mode="nearest")[..., : shape[-2], : shape[-1]] > 0.5
+
+
+def check_size(shape: Sequence[int], seen: Tensor) -> None:
+    """Raise ValueError for images of a shape (B, C, H, W) where a view is seen in others, (..., h, w)."""
+    if tuple(shape[-2:]) != tuple(seen.shape[-2:]):
+        given, wanted = (" x ".join(map(str, size[-2:])) for size in (shape, seen.shape))
+        raise ValueError(f"images must be {wanted} as the view that their defects were made for is, got {given}")
 
 
 def check_range(span: Range, what: str, low: float, high: float = float("inf")) -> Range:

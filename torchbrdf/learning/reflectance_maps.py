@@ -6,13 +6,14 @@ rendering. What spoils it is any callable on batches of images and masks, such a
 
 import hashlib
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from torchbrdf.arguments import check_types
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import unpack
 
@@ -66,8 +67,9 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         clean    (3, H, W)  Y w, 0 outside the view
         weights  (n, 3)     w
         light    ()         int64, which of the basis images
-    A list of indices gives a batch of them at once, many times faster than one by one. So `DataLoader(maps, 64)` asks,
-    and then collates; with `sampler=BatchSampler(...)` and `batch_size=None` it passes batches on as they are.
+    A list or tensor of indices, or a slice, gives a batch of them at once, many times faster than one by one. So
+    `DataLoader(maps, 64)` asks, and then collates; with `sampler=BatchSampler(...)` and `batch_size=None` it passes
+    batches on as they are. IndexError for an index beyond `length`; ValueError for what is no index, or none at all.
     """
 
     def __init__(
@@ -79,7 +81,9 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         blending: Blending | None = None,
     ) -> None:
         """Check that the basis images belong together, and share them with workers."""
-        lights = (basis,) if isinstance(basis, BasisImages) else tuple(basis)
+        lights = tuple(basis) if isinstance(basis, Iterable) else (basis,)
+        for light in lights:
+            check_types("ReflectanceMaps", basis=(light, BasisImages))
         if not lights:
             raise ValueError("basis is an empty sequence; give the basis images of at least one light")
         first = lights[0]
@@ -111,21 +115,34 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         """Make other samples of the same indices, in running workers, too."""
         self._epoch.fill_(epoch)
 
-    def __getitem__(self, index: int | Sequence[int]) -> dict[str, Tensor]:
-        """A sample, or a batch of samples for a list of indices."""
+    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> dict[str, Tensor]:
+        """A sample, or a batch of samples for a slice, a list or a tensor of indices."""
+        if isinstance(index, slice):
+            index = range(self.length)[index]
+        elif isinstance(index, Tensor):
+            index = index.tolist()
         if isinstance(index, Sequence):
-            return self._batch(list(index))
-        i = operator.index(index)
-        if not -self.length <= i < self.length:
-            raise IndexError(f"index {i} of {self.length} samples")
-        return {name: value[0] for name, value in self._batch([i % self.length]).items()}
+            return self._batch(index)
+        return {name: value[0] for name, value in self._batch([index]).items()}
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Tensor]]:
         """The samples of one batch, as `DataLoader` asks for them."""
-        batch = self._batch(list(indices))
+        batch = self._batch(indices)
         return [{name: value[i] for name, value in batch.items()} for i in range(len(indices))]
 
-    def _batch(self, indices: list[int]) -> dict[str, Tensor]:
+    def _checked(self, index: int) -> int:
+        """From 0 on."""
+        if isinstance(index, bool) or not hasattr(index, "__index__"):
+            raise ValueError(f"indices of samples must be whole numbers, got {index!r}")
+        i = operator.index(index)
+        if not -self.length <= i < self.length:
+            raise IndexError(f"index {i} of {self.length} samples")
+        return i % self.length
+
+    def _batch(self, asked: Sequence[int]) -> dict[str, Tensor]:
+        indices = [self._checked(index) for index in asked]
+        if not indices:
+            raise ValueError("no index is given; ask for one sample at least")
         key = f"{self.seed} {int(self._epoch)} {indices}".encode()
         with torch.random.fork_rng(devices=[]):  # kornia draws from torch's global generator
             torch.manual_seed(int.from_bytes(hashlib.blake2b(key, digest_size=7).digest()))

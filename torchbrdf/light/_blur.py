@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import warn_of_lost_gradient
 from torchbrdf.light.latlong import row_solid_angles
 
 _STEPS = 8
@@ -18,10 +19,11 @@ def blur(radiance: Tensor, sigma: float) -> Tensor:
     sigma    its standard deviation along any direction, in radians
     The heat equation for a time sigma^2 / 2, in implicit finite volumes: every frequency in azimuth diffuses along the
     meridians by itself, so neither the seam nor the poles are special. Energy is kept, and nothing becomes negative.
-    No gradients flow.
+    No gradients flow, of which it warns.
     """
     from scipy.linalg import solve_banded  # here, because it is slow to import
 
+    warn_of_lost_gradient(radiance, "the radiance of a light probe through a blur", "no call carries it")
     _, height, width = radiance.shape
     step, azimuth = pi / (height - 1), 2 * pi / width
     area = row_solid_angles(height, width).numpy()

@@ -1,11 +1,11 @@
 """What is wrong with the values of a picture of light, and what is done about it."""
 
 import math
-import sys
-import warnings
 
 import torch
 from torch import Tensor
+
+from torchbrdf.arguments import warn
 
 _LARGEST_HALF = 65504.0
 _NO_RADIANCE = 1e30
@@ -122,11 +122,3 @@ def _count(flags: Tensor, noun: str) -> str:
 def _box(flags: Tensor) -> tuple[slice, slice]:
     rows, columns = (flags.any(dim=axis).nonzero().ravel() for axis in (1, 0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def warn(message: str) -> None:
-    """Warn on behalf of the line that called into this room."""
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith(f"{__package__}."):
-        level, frame = level + 1, frame.f_back
-    warnings.warn(message, UserWarning, stacklevel=level)

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import warn_of_lost_gradient
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, luminance, write_image
 from torchbrdf.lasting import without_autocast
 from torchbrdf.light._blur import blur
@@ -236,8 +237,10 @@ class LightProbe:
         rotation   (3, 3), orthonormal with determinant +1
         Resampled by area means of bilinear lookups, which soften edges by less than a texel and keep the
         energy to 0.02 % (1 % where a few texels at a pole hold most of it: Grace Cathedral); a turn about +Y by
-        whole texels is exact.
+        whole texels is exact. Differentiable in the radiance; `HarmonicBasis.basis_at` is in the rotation, too.
         """
+        if isinstance(rotation, Tensor):
+            warn_of_lost_gradient(rotation, "the rotation of a light probe", "HarmonicBasis.basis_at carries it")
         return self._derived(partial(rotate, rotation=checked_rotation(rotation)))
 
     def scaled(self, factor: float) -> LightProbe:

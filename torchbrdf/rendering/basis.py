@@ -1,5 +1,6 @@
 """Basis images by the backend that suits the view [CBP21, eq. 5]."""
 
+from torchbrdf.arguments import check_types, warn_of_lost_gradient
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.light import LightProbe
 from torchbrdf.mitsuba_backend import bake_basis
@@ -28,14 +29,17 @@ def render_basis(
     samples   a pixel, on average over the view, at least 2; None for 4096. Not for "harmonic"
     adaptive  give the pixels that need it more samples than others; "sampled" only
     They run on the device that holds the library's columns. Only pixels under the view's mask are computed and only
-    cells that samples touch are read. Raises ValueError for an unknown backend, too few samples, or a view that
-    "harmonic" cannot take.
+    cells that samples touch are read. "harmonic" is differentiable in the probe's radiance; the others warn where that
+    requires a gradient. Raises ValueError for an unknown backend, too few samples, a view that "harmonic" cannot take,
+    or arguments of other types.
     """
+    check_types("tb.render_basis", library=(library, MaterialLibrary), probe=(probe, LightProbe), view=(view, View))
     if backend == "auto":
         fast = samples is None and unsuited(view) is None and is_precomputed(library, in_perspective(view))
         backend = "harmonic" if fast else "sampled"
     if backend == "harmonic":
         return HarmonicBasis(library, probe, view, progress).basis_at()
+    warn_of_lost_gradient(probe.radiance, f"the probe's radiance with backend={backend!r}", '"harmonic" carries it')
     samples = DEFAULT_SAMPLES if samples is None else samples
     if backend == "mitsuba":
         return bake_basis(library, probe, view, samples, seed, progress)

@@ -10,6 +10,7 @@ from math import cos, isfinite, radians, sin
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import check_types, warn_of_lost_gradient
 from torchbrdf.brdf import MerlTable
 from torchbrdf.view import View
 
@@ -33,8 +34,10 @@ def render_directional(
     direction   (3,) towards the light in world space, any length; instead of angle_deg
     irradiance  of a surface that faces the light; with pi a white Lambertian surface has radiance 1 there
     subpixels   points along a side of a pixel; f_r is interpolated linearly between cells
-    Raises ValueError where not exactly one of angle_deg and direction is given, or a value makes no sense.
+    Differentiable in the table's values. Raises ValueError where not exactly one of angle_deg and direction is given,
+    or a value or a type makes no sense.
     """
+    check_types("tb.render_directional", table=(table, MerlTable), view=(view, View))
     w_i = light_direction(angle_deg, direction)
     if not 0 < irradiance < float("inf"):
         raise ValueError(f"irradiance must be positive and finite, got {irradiance}")
@@ -67,6 +70,7 @@ def light_direction(angle_deg: float | None = None, direction: Tensor | None = N
     vector = torch.as_tensor(direction)
     if vector.shape != (3,):
         raise ValueError(f"direction of the light must be (3,), got {tuple(vector.shape)}")
+    warn_of_lost_gradient(vector, "the direction of the light", 'table.lookup(w_i, w_o, "linear") carries it')
     vector = vector.detach().cpu().double()
     length = torch.linalg.vector_norm(vector)
     if not (torch.isfinite(length) and length > 0):

@@ -55,7 +55,7 @@ def gather_spread(
     """
     samples = None if is_precomputed(library) else _SPREAD_SAMPLES
     others = render_basis(library, probe, SphereView(min(size, _SPREAD_SIZE)), samples=samples)
-    radiance = torch.einsum("ns,nsp->sp", result.weights.detach().to(others.packed), others.packed).cpu()
+    radiance = others.pack(others.render(result.weights.detach().to(others.packed))).cpu()
     deviation = others.pack(result.image_std(others).cpu())
     rows = retroreflection_rows(library)
     curve, lobe = result.posterior.std(rows).T, highlight_row(rows)

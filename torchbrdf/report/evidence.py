@@ -225,7 +225,7 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
     if averaged:
         tables, weights = [*tables, mean], [*weights, result.weights.detach().cpu().double()]
         squared = [*squared, result.error.detach().cpu()]
-    fits = basis.unpack(torch.einsum("kns,nsp->ksp", torch.stack(weights).to(basis.packed), basis.packed)).cpu()
+    fits = basis.render(torch.stack(weights).to(basis.packed)).cpu()
     small = SphereView(min(size, _CANDIDATE_SIZE))
     final = tables[k if averaged else chosen]
     under_other, under_turned = table_pictures(final, [(other, None), (probe, turn)], sphere, SHOWN)

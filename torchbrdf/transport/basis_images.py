@@ -12,8 +12,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary, columns_of
+from torchbrdf.brdf import MaterialLibrary, columns_of, position_among
 from torchbrdf.files import existing_file, writing
+from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe
 from torchbrdf.view import View, pack, unpack
 
@@ -114,10 +115,9 @@ class BasisImages:
 
     def subset(self, names: Sequence[str]) -> "BasisImages":
         """The images of some materials only, in the order given."""
-        unknown = [name for name in names if name not in self.names]
-        if unknown:
-            raise ValueError(f"no material {unknown[0]!r} among these {len(self.names)} basis images")
-        rows = columns_of([self.names.index(name) for name in names]).to(self.packed.device)
+        where = f"among these {len(self.names)} basis images"
+        places = [position_among(self.names, name, where) for name in names]
+        rows = columns_of(places).to(self.packed.device)
         errors = None if self.relative_errors is None else self.relative_errors[rows]
         return replace(self, packed=self.packed[rows], names=tuple(names), relative_errors=errors)
 
@@ -129,6 +129,22 @@ class BasisImages:
     def image(self, material: str) -> Tensor:
         """(3, H, W): the material itself under the light, each channel of it in its own colour of the light."""
         return self.unpack(own_images(self.subset([material]).packed)[0])
+
+    @without_autocast
+    def render(self, weights: Tensor) -> Tensor:
+        """What combinations B w of the basis BRDFs look like, Y w [CBP21, eq. 4]: differentiable.
+
+        weights  (*batch, n, 3)  of the colour channels, such as `Reconstruction.weights`
+        returns  (*batch, 3, H, W)  in the precision of the weights, 0 outside the mask, with gradients to the weights
+                 and to `packed`. Where B w is below zero it counts as such; `MaterialLibrary.combine` clamps it
+        Raises ValueError for other weights.
+        """
+        if weights.shape[-2:] != (self.n, 3) or not weights.is_floating_point():
+            raise ValueError(
+                f"weights must be (*batch, {self.n}, 3) floating-point numbers for these basis images, "
+                f"got {tuple(weights.shape)} {weights.dtype}"
+            )
+        return self.unpack(torch.einsum("...ns,nsp->...sp", weights, self.packed.to(weights.dtype)))
 
     def pack(self, image: Tensor) -> Tensor:
         """The pixels under the mask: (..., H, W) -> (..., P)."""

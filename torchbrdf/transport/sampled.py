@@ -107,7 +107,7 @@ def plan_transport(
     """
     if samples < 2:
         raise ValueError(f"the transport needs at least 2 samples a pixel, got {samples}")
-    device = columns.device
+    columns, device = columns.detach(), columns.device
     generator = torch.Generator().manual_seed(seed)
     strata = LightStrata.build(probe.to(device), generator)
     average = max(LEAST, 1 << (samples.bit_length() - 1))

@@ -1,5 +1,6 @@
 """`SphereView`: a sphere that fills a square image."""
 
+import operator
 from math import radians, tan
 
 import torch
@@ -32,14 +33,19 @@ class SphereView(View):
 
     def __init__(self, size: int, fov_deg: float | None = None, direction: Triple = _AHEAD) -> None:
         """Check the arguments and find the pixels that lie wholly inside the silhouette."""
-        if size < 3:
+        try:
+            self._n = operator.index(size)
+        except TypeError:
+            raise ValueError(
+                f"size of a sphere's image must be one whole number, pixels along a side of the square, got {size!r}"
+            ) from None
+        if self._n < 3:
             raise ValueError(f"a sphere needs an image of at least 3 x 3 pixels, got size={size}")
         check_fov(fov_deg)
         self.fov_deg = fov_deg
         self.direction = unit_direction(direction)
         self.rotation = turned_to(self.direction)
         self.framing = Framing.of_sphere(fov_deg, self.rotation)
-        self._n = int(size)
         edge = torch.linspace(-1, 1, self._n + 1, dtype=torch.float64).abs()
         farthest = torch.maximum(edge[:-1], edge[1:]) ** 2
         self.mask = (farthest[:, None] + farthest <= 1)[None]

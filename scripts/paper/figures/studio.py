@@ -145,8 +145,7 @@ class Studio:
         columns = torch.stack([one.float() for one in weights])
         if isinstance(light.source, int):
             return self._lit(columns, light.source)
-        basis = self.basis(light.source, self.shown)
-        return list(basis.unpack(torch.einsum("knc,ncp->kcp", columns, basis.packed)))
+        return list(self.basis(light.source, self.shown).render(columns))
 
     def _lit(self, weights: Tensor, angle_deg: int) -> list[Tensor]:
         """View and light are parallel everywhere, so theta_d is half the light's angle on the whole ball.

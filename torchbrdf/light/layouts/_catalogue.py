@@ -6,14 +6,16 @@ from importlib import import_module
 from torchbrdf.light.layouts._cube import CubeLayout
 from torchbrdf.light.layouts._disc import DiscLayout
 
-_BALL = "--probe-layout mirror_ball with --probe-circle X Y R"
+_IN_PYTHON = "(layout= and circle= of tb.LightProbe.open in Python)"
+_BALL = f"--probe-layout mirror_ball with --probe-circle X Y R {_IN_PYTHON}"
 _LOOKS = {
-    Fraction(1): "a mirror ball or an angular map: give --probe-layout mirror_ball or --probe-layout angular",
-    Fraction(3, 4): "a vertical cross of a cube: give --probe-layout vertical_cross",
+    Fraction(1): "a mirror ball or an angular map: give --probe-layout mirror_ball or --probe-layout angular "
+    f"{_IN_PYTHON}",
+    Fraction(3, 4): f"a vertical cross of a cube: give --probe-layout vertical_cross {_IN_PYTHON}",
     Fraction(4, 3): f"a horizontal cross of a cube, or a whole photograph of a mirror ball: give --probe-layout "
     f"horizontal_cross, or {_BALL}",
     Fraction(1, 6): "the faces of a cube, one below the other: give --probe-layout envmap_cube where they lie as in "
-    "OpenEXR's environment maps; else convert it to lat-long",
+    f"OpenEXR's environment maps {_IN_PYTHON}; else convert it to lat-long",
     Fraction(6): "the faces of a cube, side by side, of which programs have different orders: convert it to lat-long",
 }
 

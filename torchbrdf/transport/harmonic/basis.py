@@ -6,6 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import check_types
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe, checked_rotation
@@ -28,7 +29,7 @@ class HarmonicBasis:
     progress  show it while the transport is precomputed
     lines, most  of the light, see `TurningLight`
     columns   of the library that are wanted, as if it had no others; None for all
-    Raises ValueError for another view.
+    Raises ValueError for another view, or arguments of other types.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class HarmonicBasis:
         columns: Sequence[int] | None = None,
     ) -> None:
         """Open the transport of the library."""
+        check_types("HarmonicBasis", library=(library, MaterialLibrary), probe=(probe, LightProbe), view=(view, View))
         reason = unsuited(view)
         if reason is not None:
             raise ValueError(f'backend="harmonic" cannot render this view: {reason}; use backend="sampled"')

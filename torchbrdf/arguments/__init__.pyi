@@ -1,0 +1,3 @@
+from .gradients import warn_of_lost_gradient as warn_of_lost_gradient
+from .types import check_types as check_types
+from .warning import warn as warn

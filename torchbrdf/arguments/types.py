@@ -1,0 +1,27 @@
+"""Arguments of another type than a call takes, swapped ones above all."""
+
+_MADE_BY = {
+    "BasisImages": "make them with tb.render_basis(library, probe, view)",
+    "LightProbe": "open one with tb.LightProbe.open(path)",
+    "MaterialLibrary": "open one with tb.MaterialLibrary.default()",
+    "MerlTable": "take result.brdf(library), library.table(name) or tb.read_table(path)",
+    "View": "make one, such as tb.SphereView(32)",
+}
+
+
+def check_types(call: str, **given: tuple[object, type]) -> None:
+    """Raise ValueError where an argument is not of its type, or in the place of another.
+
+    call   its name, as users write it
+    given  each argument with its type, one that `_MADE_BY` holds, in the order in which the call takes them
+    """
+    for name, (value, wanted) in given.items():
+        if isinstance(value, wanted):
+            continue
+        swapped = any(isinstance(value, other) for _, other in given.values())
+        remedy = f"the order is {call}({', '.join(given)})" if swapped else _MADE_BY[wanted.__name__]
+        raise ValueError(f"{call}: {name} must be a {wanted.__name__}, got {_called(value)}; {remedy}")
+
+
+def _called(value: object) -> str:
+    return repr(value) if value is None or isinstance(value, str | int | float) else f"a {type(value).__name__}"
