@@ -701,7 +701,8 @@ class TestBadPhotographs:
         image, mask = some_images(), some_masks()
         row, column = torch.nonzero((mask & basis.mask)[0])[3].tolist()
         image[:2, row, column] = value
-        with pytest.raises(ValueError, match="image holds 1 NaN or infinite pixel"):
+        message = "image holds NaN or infinite values, in 1 of the 2[0-9] pixels under the mask; mask them out"
+        with pytest.raises(ValueError, match=message):
             estimator(image, mask)
         mask[0, row, column] = False
         assert torch.isfinite(estimator(image, mask).weights).all()
@@ -709,7 +710,7 @@ class TestBadPhotographs:
     def test_black(self, estimator: BRDFEstimator):
         images = some_images(3)
         images[1] = 0
-        with pytest.raises(ValueError, match="photograph 1 of 3 is black: every pixel under the mask is 0"):
+        with pytest.raises(ValueError, match="image is black at index 1 of a batch of 3: every pixel under the mask"):
             estimator(images)
 
     def test_black_under_the_mask_only(self, estimator: BRDFEstimator):
@@ -721,7 +722,7 @@ class TestBadPhotographs:
     def test_empty_mask(self, estimator: BRDFEstimator):
         masks = some_masks(2)
         masks[1] = False
-        with pytest.raises(ValueError, match="mask leaves no pixel of the view to use in photograph 1 of 2"):
+        with pytest.raises(ValueError, match="mask leaves no pixel of the view to use at index 1 of a batch of 2"):
             estimator(some_images(2), masks)
 
     def test_mask_that_holds_only_pixels_outside_the_view(self, estimator: BRDFEstimator, basis: BasisImages):
