@@ -280,7 +280,8 @@ class MaterialClasses(SharedBuffers):
 
     def extra_repr(self) -> str:
         """Sizes, for `repr`."""
-        return f"{len(self.labels)} basis BRDFs in classes of {self.sizes}"
+        sizes = "" if self.labels.is_meta else f" in classes of {self.sizes}"
+        return f"{len(self.labels)} basis BRDFs{sizes}"
 
     def table(self) -> str:
         """Which material is in which class, a line each; the channels are named where they differ."""

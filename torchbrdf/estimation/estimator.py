@@ -25,6 +25,7 @@ from torchbrdf.estimation.shared_buffers import SharedBuffers
 from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solution import Solution
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
+from torchbrdf.estimation.state_of_light import check_light, shortened, warn_of_light
 from torchbrdf.lasting import LastMade, lasting, without_autocast
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import Frames
@@ -54,6 +55,10 @@ class BRDFEstimator(SharedBuffers):
     With a fixed penalty it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 for each class and colour channel (eq. 26
     with Sigma' = identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19).
     Gradients flow to the photograph. Warns where the shape shows too few normals (a plane, a cube).
+
+    A `state_dict` holds basis images, masks, classes and the fingerprints of light and view, but no settings: penalty,
+    solver, constraint and robust stay those that the estimator was made with. One that does not fit, of another library
+    or size, is refused with a ValueError and changes nothing; one of another light is warned of.
     """
 
     packed: Tensor
@@ -102,40 +107,25 @@ class BRDFEstimator(SharedBuffers):
         self._bank: LastMade[PriorBank] = LastMade()
         self._masked_bank: tuple[PriorBank, Tensor, PriorBank] | None = None
 
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
-        """Refuse a state for other materials, or of a light that it does not name, before any of it is copied."""
-        origin, packed = state_dict.get(f"{prefix}_extra_state"), state_dict.get(f"{prefix}packed")
-        if origin is not None and (origin["library"], origin["names"]) != (self.library, " ".join(self.names)):
-            raise ValueError("this state_dict belongs to an estimator with another material library")
-        if packed is None:
-            known = origin is None or origin == self.get_extra_state()
-        else:
-            known = origin is not None or torch.equal(packed.to(self.packed), self.packed)
-        if not known:
-            raise ValueError(
-                f"this state_dict holds only one of other basis images and what they show, {prefix}packed and "
-                f"{prefix}_extra_state; load the whole state of an estimator, or leave all of it out"
-            )
-        super()._load_from_state_dict(state_dict, prefix, *rest)
+    def _check_state(self, state_dict: Mapping[str, Any], prefix: str) -> None:
+        """Refuse a state of other materials or sizes, too; warn of one of another light."""
+        check_light(state_dict, prefix, self.state_dict())
+        super()._check_state(state_dict, prefix)
+        warn_of_light(state_dict, prefix, self.get_extra_state())
 
     def get_extra_state(self) -> dict[str, str]:
         """The fingerprints of what a state_dict was made from."""
         return {"library": self.library, "names": " ".join(self.names), "probe": self.probe, "view": self.view}
 
     def set_extra_state(self, state: Mapping[str, str]) -> None:
-        """Take over the probe and view of a state_dict; warns where they are others."""
-        if changed := [what for what in ("probe", "view") if getattr(self, what) != state[what]]:
-            both = " and ".join(changed).replace("probe", "light")
-            message = f"the state_dict holds another {both}: photographs are now explained under that {both}"
-            warnings.warn(message, UserWarning, stacklevel=2)
+        """Take over the probe and view of a state_dict."""
         self.probe, self.view = state["probe"], state["view"]
 
     def extra_repr(self) -> str:
         """Settings and sizes, for `repr`."""
         n, _, p = self.packed.shape
         settings = f"penalty={self.penalty!r}, solver={self.solver!r}, constraint={self.constraint!r}"
-        lights = " ".join(one[:8] for one in self.probe.split())
-        return f"{settings}, robust={self.robust}, n={n}, pixels={p}, light={lights}"
+        return f"{settings}, robust={self.robust}, n={n}, pixels={p}, light={shortened(self.probe)}"
 
     @property
     def frames(self) -> Frames:
