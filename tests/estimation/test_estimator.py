@@ -742,6 +742,47 @@ class TestModule:
         with pytest.raises(ValueError, match="basis is an empty sequence; give the basis images of each photograph"):
             BRDFEstimator([], classes_of())
 
+    def test_arguments_of_other_types(self, basis: BasisImages, tiny_library: MaterialLibrary):
+        estimator = BRDFEstimator(basis, classes_of())
+        result = estimator(some_images())
+        needed = {
+            "BasisImages": "make them with tb.render_basis(library, probe, view)",
+            "MaterialClasses": "make them with tb.MaterialClasses.fit(library)",
+            "MaterialLibrary": "open one with tb.MaterialLibrary.default()",
+            "swapped": "the order is BRDFEstimator(basis, classes)",
+        }
+        for call, given, message, remedy in [
+            (BRDFEstimator, (classes_of(), basis), "basis must be a BasisImages, got a MaterialClasses", "swapped"),
+            (BRDFEstimator, ([basis.packed], classes_of()), "basis must be a BasisImages, got a Tensor", "BasisImages"),
+            (
+                BRDFEstimator,
+                (basis, tiny_library),
+                "classes must be a MaterialClasses, got a MaterialLibrary",
+                "MaterialClasses",
+            ),
+            (estimator.rehearse, (basis.packed[0, 0],), "novel must be a BasisImages, got a Tensor", "BasisImages"),
+            (
+                estimator.observability,
+                (None, tiny_library),
+                "novel must be a BasisImages, got a MaterialLibrary",
+                "BasisImages",
+            ),
+            (result.image_std, ([basis],), "basis must be a BasisImages, got a list", "BasisImages"),
+            *(
+                (call, (*more, basis), "library must be a MaterialLibrary, got a BasisImages", "MaterialLibrary")
+                for call, more in {
+                    MaterialClasses.fit: (),
+                    estimator.observability: (),
+                    result.brdf: (),
+                    result.brdf_std: (),
+                    result.tables: (),
+                    result.candidate: (0,),
+                }.items()
+            ),
+        ]:
+            with pytest.raises(ValueError, match=f"^{call.__qualname__}: {re.escape(f'{message}; {needed[remedy]}')}$"):
+                call(*given)
+
 
 class TestBadPhotographs:
     @pytest.mark.parametrize("shape", [(3, HEIGHT, WIDTH + 1), (1, HEIGHT, WIDTH), (HEIGHT, WIDTH), (3, WIDTH, HEIGHT)])

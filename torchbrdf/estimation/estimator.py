@@ -9,6 +9,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import several
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.constraints import constrain
@@ -75,7 +76,7 @@ class BRDFEstimator(SharedBuffers):
     ) -> None:
         """Check that basis and classes belong together."""
         super().__init__()
-        bases = (basis,) if isinstance(basis, BasisImages) else tuple(basis)
+        bases = several("BRDFEstimator", "basis", basis, BasisImages, classes=(classes, MaterialClasses))
         if not bases:
             raise ValueError("basis is an empty sequence; give the basis images of each photograph")
         for one in bases:
@@ -89,7 +90,7 @@ class BRDFEstimator(SharedBuffers):
             raise ValueError(f'solver must be "factored" or "lstsq", got {solver!r}')
         if constraint is not None and constraint not in CONSTRAINTS:
             raise ValueError(f"constraint must be None or one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-        origin = None if library is None else (library.source, library.names)
+        origin = (library.source, library.names) if isinstance(library, MaterialLibrary) else None
         if constraint == "energy" and origin != (classes.library, classes.names):
             raise ValueError('constraint "energy" needs the library of the basis images: library=...')
         if solver == "lstsq" and (penalty == "auto" or constraint is not None):
@@ -147,24 +148,27 @@ class BRDFEstimator(SharedBuffers):
         )
 
     @without_autocast
-    def rehearse(self, novel: Sequence[BasisImages]) -> Rehearsal:
+    def rehearse(self, novel: BasisImages | Sequence[BasisImages]) -> Rehearsal:
         """How far off photographs of the library's own materials would be under other light, see `rehearsal`.
 
-        novel   basis images of the same library under other light
+        novel   basis images of the same library under another light, or under several
         """
-        return rehearse(self.packed.cpu(), Frames(tuple(mask.cpu() for mask in self.frames.masks)), novel, self.classes)
+        frames = Frames(tuple(mask.cpu() for mask in self.frames.masks))
+        lights = several("BRDFEstimator.rehearse", "novel", novel, BasisImages)
+        return rehearse(self.packed.cpu(), frames, lights, self.classes)
 
     @without_autocast
     def observability(
-        self, library: MaterialLibrary | None = None, novel: Sequence[BasisImages] = ()
+        self, library: MaterialLibrary | None = None, novel: BasisImages | Sequence[BasisImages] = ()
     ) -> Observability:
         """What the light and the view can tell about a material, before any photograph.
 
         library  the one of the basis images, to tell it by cell of the BRDF, too
-        novel    basis images under other light, to predict the error there
+        novel    basis images under another light, or under several, to predict the error there
         """
+        lights = several("BRDFEstimator.observability", "novel", novel, BasisImages)
         told = observability(self.bank, self.classes, library)
-        return replace(told, rehearsal=self.rehearse(novel)) if novel else told
+        return replace(told, rehearsal=self.rehearse(lights)) if lights else told
 
     @without_autocast
     def forward(
