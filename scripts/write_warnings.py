@@ -22,7 +22,8 @@ HEAD = """\
 # What the warnings mean
 
 `torchbrdf fit` warns on the terminal, and its report has a paragraph for each warning; here are all of them. What the
-report's grades stand for, and how often they are right, is [measured](uncertainty.md#the-reports-grade).
+report's grades stand for, and how often they are right, is [measured](uncertainty.md#the-reports-grade). In Python
+[`torchbrdf.report.doubts_of_result`](api/reports.md) gives those about a result.
 `scripts/write_warnings.py` makes this page from the words of the report, `torchbrdf/report/advice.py`.
 """
 

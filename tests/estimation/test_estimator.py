@@ -488,17 +488,33 @@ class TestModule:
     @pytest.mark.parametrize(
         ("changed", "said"),
         [
-            ({"probe": "other"}, "holds another light: photographs are now explained under that light"),
-            ({"view": "other"}, "holds another view: photographs are now explained under that view"),
-            ({"probe": "other", "view": "other"}, "holds another light and view: photographs are now explained under"),
+            ({"probe": "0123456789"}, "light (P -> 01234567): photographs are now explained under that light"),
+            ({"view": "9876543210"}, "view (V -> 98765432): photographs are now explained under that view"),
+            (
+                {"probe": "0123456789", "view": "9876543210"},
+                "light (P -> 01234567) and view (V -> 98765432): photographs are now explained under that light and "
+                "view",
+            ),
         ],
     )
     def test_a_state_dict_that_changes_the_light_says_so_once(self, basis: BasisImages, changed, said):
         estimator, other = BRDFEstimator(basis, classes_of()), BRDFEstimator(replace(basis, **changed), classes_of())
-        with pytest.warns(UserWarning, match=said) as warned:
+        said = f"estimate: the state_dict holds another {said}"
+        with pytest.warns(UserWarning, match=f"^{re.escape(said)}$") as told:
             nn.ModuleDict({"estimate": estimator}).load_state_dict(nn.ModuleDict({"estimate": other}).state_dict())
-        assert len(warned) == 1
+        assert len(told) == 1
         assert (estimator.probe, estimator.view) == (other.probe, other.view)
+
+    def test_every_estimator_of_a_network_tells_of_its_own_light(self, basis: BasisImages):
+        """Of warnings of one text from one place Python shows the first alone."""
+        first, other = (
+            nn.ModuleDict({name: BRDFEstimator(replace(basis, probe=probe), classes_of()) for name in ("near", "far")})
+            for probe in ("P", "Q")
+        )
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("default")
+            first.load_state_dict(other.state_dict())
+        assert [str(one.message).partition(":")[0] for one in told] == ["near", "far"]
 
     def test_a_state_dict_of_the_same_light_is_loaded_in_silence(self, basis: BasisImages):
         estimator = BRDFEstimator(basis, classes_of())
@@ -506,7 +522,7 @@ class TestModule:
             warnings.simplefilter("error")
             estimator.load_state_dict(BRDFEstimator(basis, classes_of()).state_dict())
 
-    @pytest.mark.parametrize("part", ["packed", "_extra_state"])
+    @pytest.mark.parametrize("part", ["packed", "mask_0", "_extra_state"])
     def test_basis_images_and_what_they_show_are_loaded_together(self, basis: BasisImages, part: str):
         """As from a file that holds tensors only; of the same basis images that is enough."""
         pipeline = nn.ModuleDict({"estimate": BRDFEstimator(basis, classes_of())})
@@ -514,7 +530,7 @@ class TestModule:
         image, without = some_images(), f"estimate.{part}"
         expected = pipeline["estimate"](image)
         with pytest.raises(
-            ValueError, match=r"holds only one of other basis images and what they show, estimate\.packed and estim"
+            ValueError, match=f"holds only a part of what another BRDFEstimator is, without {re.escape(without)};"
         ):
             pipeline.load_state_dict({k: v for k, v in other.state_dict().items() if k != without}, strict=False)
         pipeline.load_state_dict({k: v for k, v in pipeline.state_dict().items() if k != without}, strict=False)
@@ -558,6 +574,10 @@ class TestModule:
         assert "light=01234567\n" in first
         assert "light=ba987654\n" in second
 
+    def test_repr_on_the_meta_device(self, basis: BasisImages):
+        """Which tells no values, so no sizes of classes."""
+        assert "MaterialClasses(12 basis BRDFs)" in repr(BRDFEstimator(basis, classes_of()).to("meta"))
+
     def test_state_dict_survives_a_file_and_nesting(self, basis: BasisImages, tmp_path):
         pipeline = nn.ModuleDict({"estimate": BRDFEstimator(synthetic(seed=1), classes_of())})
         torch.save(pipeline.state_dict(), tmp_path / "state.pt")
@@ -576,6 +596,48 @@ class TestModule:
             estimator.load_state_dict(other.state_dict())
         assert_same(estimator(image), before)
         assert torch.equal(estimator.packed, basis.packed)
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            (
+                lambda state: state | {"mask_0": torch.ones(1, 4, 5) > 0, "packed": torch.ones(12, 3, 20)},
+                "BRDFEstimator: the state_dict is of photographs of 4 x 5 (20 pixels), and this estimator is of 7 x 9 "
+                "(37 pixels); load it into an estimator of that view",
+            ),
+            (
+                lambda state: state | {"mask_1": torch.ones(1, 4, 5) > 0, "packed": torch.ones(12, 3, 57)},
+                "BRDFEstimator: the state_dict is of photographs of 7 x 9 and 4 x 5 (57 pixels), and this estimator is "
+                "of 7 x 9 (37 pixels); load it into an estimator of that view",
+            ),
+            (
+                lambda state: state | {"packed": torch.ones(9, 3, 37)},
+                "this state_dict holds (9, 3, 37) as packed, expected (12, 3, 37)",
+            ),
+            (
+                lambda state: state | {"classes.norms": torch.ones(9)},
+                "this state_dict holds (9,) as classes.norms, expected (12,)",
+            ),
+            (lambda state: state | {"packed": [1]}, "this state_dict holds list as packed, expected (12, 3, 37)"),
+            (
+                lambda state: {key: one for key, one in state.items() if key != "classes.norms"},
+                "this state_dict holds only a part of what another BRDFEstimator is, without classes.norms; load the "
+                "whole state of one, or leave all of it out",
+            ),
+        ],
+        ids=["size", "two photographs", "shape", "classes", "no tensor", "absent"],
+    )
+    @pytest.mark.filterwarnings("error")
+    def test_a_state_that_does_not_fit_changes_nothing(self, basis: BasisImages, change, message: str):
+        """Not the light that the estimator says it explains photographs under, nor does it say that it will."""
+        estimator = BRDFEstimator(basis, classes_of(), penalty=0.1)
+        before = {key: copy.copy(one) for key, one in estimator.state_dict().items()}
+        other = BRDFEstimator(replace(synthetic(seed=1), probe="other", view="other"), classes_of(LABELS[::-1]))
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            estimator.load_state_dict(change(other.state_dict()))
+        after = estimator.state_dict()
+        assert after.pop("_extra_state") == before.pop("_extra_state")
+        assert all(torch.equal(after[key], one) for key, one in before.items())
 
     @pytest.mark.parametrize("assign", [False, True])
     def test_loading_a_state_changes_no_one_else(self, basis: BasisImages, assign: bool):
@@ -680,6 +742,47 @@ class TestModule:
         with pytest.raises(ValueError, match="basis is an empty sequence; give the basis images of each photograph"):
             BRDFEstimator([], classes_of())
 
+    def test_arguments_of_other_types(self, basis: BasisImages, tiny_library: MaterialLibrary):
+        estimator = BRDFEstimator(basis, classes_of())
+        result = estimator(some_images())
+        needed = {
+            "BasisImages": "make them with tb.render_basis(library, probe, view)",
+            "MaterialClasses": "make them with tb.MaterialClasses.fit(library)",
+            "MaterialLibrary": "open one with tb.MaterialLibrary.default()",
+            "swapped": "the order is BRDFEstimator(basis, classes)",
+        }
+        for call, given, message, remedy in [
+            (BRDFEstimator, (classes_of(), basis), "basis must be a BasisImages, got a MaterialClasses", "swapped"),
+            (BRDFEstimator, ([basis.packed], classes_of()), "basis must be a BasisImages, got a Tensor", "BasisImages"),
+            (
+                BRDFEstimator,
+                (basis, tiny_library),
+                "classes must be a MaterialClasses, got a MaterialLibrary",
+                "MaterialClasses",
+            ),
+            (estimator.rehearse, (basis.packed[0, 0],), "novel must be a BasisImages, got a Tensor", "BasisImages"),
+            (
+                estimator.observability,
+                (None, tiny_library),
+                "novel must be a BasisImages, got a MaterialLibrary",
+                "BasisImages",
+            ),
+            (result.image_std, ([basis],), "basis must be a BasisImages, got a list", "BasisImages"),
+            *(
+                (call, (*more, basis), "library must be a MaterialLibrary, got a BasisImages", "MaterialLibrary")
+                for call, more in {
+                    MaterialClasses.fit: (),
+                    estimator.observability: (),
+                    result.brdf: (),
+                    result.brdf_std: (),
+                    result.tables: (),
+                    result.candidate: (0,),
+                }.items()
+            ),
+        ]:
+            with pytest.raises(ValueError, match=f"^{call.__qualname__}: {re.escape(f'{message}; {needed[remedy]}')}$"):
+                call(*given)
+
 
 class TestBadPhotographs:
     @pytest.mark.parametrize("shape", [(3, HEIGHT, WIDTH + 1), (1, HEIGHT, WIDTH), (HEIGHT, WIDTH), (3, WIDTH, HEIGHT)])
@@ -701,7 +804,8 @@ class TestBadPhotographs:
         image, mask = some_images(), some_masks()
         row, column = torch.nonzero((mask & basis.mask)[0])[3].tolist()
         image[:2, row, column] = value
-        with pytest.raises(ValueError, match="image holds 1 NaN or infinite pixel"):
+        message = "image holds NaN or infinite values, in 1 of the 2[0-9] pixels under the mask; mask them out"
+        with pytest.raises(ValueError, match=message):
             estimator(image, mask)
         mask[0, row, column] = False
         assert torch.isfinite(estimator(image, mask).weights).all()
@@ -709,7 +813,7 @@ class TestBadPhotographs:
     def test_black(self, estimator: BRDFEstimator):
         images = some_images(3)
         images[1] = 0
-        with pytest.raises(ValueError, match="photograph 1 of 3 is black: every pixel under the mask is 0"):
+        with pytest.raises(ValueError, match="image is black at index 1 of a batch of 3: every pixel under the mask"):
             estimator(images)
 
     def test_black_under_the_mask_only(self, estimator: BRDFEstimator):
@@ -721,7 +825,7 @@ class TestBadPhotographs:
     def test_empty_mask(self, estimator: BRDFEstimator):
         masks = some_masks(2)
         masks[1] = False
-        with pytest.raises(ValueError, match="mask leaves no pixel of the view to use in photograph 1 of 2"):
+        with pytest.raises(ValueError, match="mask leaves no pixel of the view to use at index 1 of a batch of 2"):
             estimator(some_images(2), masks)
 
     def test_mask_that_holds_only_pixels_outside_the_view(self, estimator: BRDFEstimator, basis: BasisImages):

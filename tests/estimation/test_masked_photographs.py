@@ -100,8 +100,14 @@ class TestRefused:
 
     def test_precision(self):
         message = "image must be float32 or float64 linear radiance, got torch."
-        refused(message + "bfloat16", photograph().bfloat16())
-        refused(message + "uint8", photograph().to(torch.uint8))
+        for dtype in (torch.bfloat16, torch.float16):
+            refused(message + f"{str(dtype)[6:]}; hand it image.float()", photograph().to(dtype))
+        decode = (
+            "; pictures of whole numbers are encoded for displays, and dividing by 255 does not make them linear: "
+            "decode the file, torchbrdf.read_image(path, allow_ldr=True)"
+        )
+        for dtype in (torch.uint8, torch.int64, torch.bool):
+            refused(message + str(dtype)[6:] + decode, photograph().to(dtype))
 
     def test_not_a_tensor(self):
         refused("image must be a tensor (*batch, 3, H, W), got ndarray", photograph().numpy())
@@ -119,32 +125,73 @@ class TestRefused:
         image = photograph()
         image[0, 0, 0] = float("nan")
         image[1:, 1, 1] = float("inf")
-        message = "image holds 2 NaN or infinite pixels under the mask; mask them out"
+        message = "image holds NaN or infinite values, in 2 of the 4 pixels under the mask; mask them out"
         refused(message, image)
         refused(message, image, MASK)
 
+    def test_values_of_a_batch_say_where(self):
+        """Pixels, not values; where a photograph has none left, it is that which counts."""
+        images, message = photograph(2, 3), "image holds NaN or infinite values at index "
+        images[0, 1, :, 0, 0] = float("nan")
+        refused(message + "(0, 1) of a batch of 2 x 3, in 1 of the 4 pixels under the mask; mask them out", images)
+        images[1, 2] = float("inf")
+        end = " of the 4 pixels under the mask; whatever made it has diverged"
+        refused(message + "(1, 2) of a batch of 2 x 3, in 4" + end, images)
+        many = photograph(9)
+        many[2:8, 1] = float("nan")
+        refused(
+            message + "2, 3, 4 and 3 more of a batch of 9, in 24 of the 24 pixels under the mask; whatever made it has "
+            "diverged",
+            many,
+        )
+
+    def test_values_of_several_photographs_say_in_which(self):
+        pair = [photograph(2), photograph(2, size=(4, 1))]
+        pair[1][1, 2, 0] = float("nan")
+        message = "image holds NaN or infinite values in entry 1 of the list"
+        end = ", in 1 of the 3 pixels under the mask; mask them out"
+        refused(f"{message} at index 1 of a batch of 2{end}", pair, frames=TWO)
+        refused(message + end, [one[1] for one in pair], frames=TWO)
+        pair[0][0] = float("inf")
+        refused(
+            "image holds NaN or infinite values in entry 0 of the list at index 0 of a batch of 2, in 4 of the 4 "
+            "pixels under the mask; whatever made it has diverged",
+            pair,
+            frames=TWO,
+        )
+
     def test_no_pixel_left(self):
-        message = "mask leaves no pixel of the view to use in photograph "
-        refused(message + "0 of 1", photograph(), torch.zeros_like(MASK))
-        refused(message + "0 of 1", photograph(), ~MASK)
-        masks = torch.stack([MASK, MASK, ~MASK])
-        refused(message + "2 of 3", photograph(3), masks)
+        message = "mask leaves no pixel of the view to use"
+        refused(message, photograph(), torch.zeros_like(MASK))
+        refused(message, photograph(), ~MASK)
+        masks = torch.stack([MASK, ~MASK, ~MASK])
+        refused(message + " at index 1, 2 of a batch of 3", photograph(3), masks)
 
     def test_black(self):
         image = photograph(2)
         image[1] = 0
         image[1, :, 0, 1] = 9  # outside the view
-        refused("photograph 1 of 2 is black: every pixel under the mask is 0", image)
+        refused("image is black at index 1 of a batch of 2: every pixel under the mask is 0", image)
         image = photograph()
         image[:, 1] = 0
         mask = torch.tensor([[[False, True, False], [True, True, True]]])
-        refused("photograph 0 of 1 is black: every pixel under the mask is 0", image, mask)
+        refused("image is black: every pixel under the mask is 0", image, mask)
 
     def test_numbers_of_photographs(self):
-        message = "this estimator takes 2 photographs of one material, with as many masks or none; got "
-        refused(message + "1 and 1", photograph(), frames=TWO)
-        refused(message + "3 and 3", [photograph()] * 3, frames=TWO)
-        refused(message + "2 and 1", [photograph(), photograph(size=(4, 1))], [None], frames=TWO)
+        message = "this estimator is of 2 photographs of one material: pass a list of 2, one for each basis, got "
+        refused(message + "one Tensor", photograph(), frames=TWO)
+        refused(message + "one Tensor", torch.stack([photograph()] * 2), frames=TWO)
+        refused(message + "one int", 3, frames=TWO)
+        refused(message + "1", [photograph()], frames=TWO)
+        refused(message + "3", [photograph()] * 3, frames=TWO)
+        pair = [photograph(), photograph(size=(4, 1))]
+        refused("expected a mask or None for each of 2 photographs, got 1", pair, [None], frames=TWO)
+        message = (
+            "image must be one tensor (*batch, 3, H, W), got a {} of {}; several photographs of one material need an "
+            "estimator of as many basis images"
+        )
+        refused(message.format("list", 1), [photograph()])
+        refused(message.format("tuple", 2), tuple(pair))
 
     def test_photographs_that_do_not_belong_together(self):
         message = "the photographs of one material must share batch axes and precision"
@@ -160,7 +207,8 @@ class TestDoubtfulPhotographs:
     def test_mostly_negative(self):
         images = photograph(3)
         images[1] *= -1
-        with pytest.warns(UserWarning, match="photograph 1 of 3 is mostly negative, which no radiance is") as warned:
+        message = "^image is mostly negative at index 1 of a batch of 3, which no radiance is"
+        with pytest.warns(UserWarning, match=message) as warned:
             check_observation(images, None, ONE, several=False)
         assert len(warned) == 1
 

@@ -81,6 +81,21 @@ def test_verdict_says_what_to_expect(library, bases, classes):
     assert f"expect an error of {100 * told.predicted_error:.0f} % under other light (dull " in told.verdict
 
 
+def test_basis_images_of_one_light_need_no_list(library, bases, classes):
+    estimator = tb.BRDFEstimator(bases["room"], classes)
+    one, listed = (estimator.rehearse(novel).errors for novel in (bases["turned"], [bases["turned"]]))
+    assert torch.equal(one, listed)
+    assert torch.equal(estimator.observability(library, bases["turned"]).rehearsal.errors, listed)
+
+
+def test_what_is_printed_is_short(library, bases, classes):
+    estimator = tb.BRDFEstimator(bases["room"], classes)
+    told = estimator.observability(library, [bases["turned"], bases["uniform"]])
+    assert repr(told) == f"Observability({told.verdict})"
+    error = f"{100 * told.rehearsal.error:.2f}%"
+    assert repr(told.rehearsal) == f"Rehearsal(12 materials, 2 other lights, mean error {error})"
+
+
 def test_refusals(library, bases, classes):
     estimator = tb.BRDFEstimator(bases["room"], classes)
     with pytest.raises(ValueError, match="give basis images under one at least"):

@@ -8,7 +8,7 @@ from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
-from torchbrdf.report.doubts import clamped_share, doubts_without_pictures
+from torchbrdf.report.doubts import clamped_share, doubts_of_result
 from torchbrdf.report.evidence import Subject, gather
 from torchbrdf.view.sphere import SphereView
 
@@ -21,9 +21,35 @@ def test_without_a_report_they_are_those_of_the_report(tiny_library, penalty):
     photograph = 60 * torch.rand(3, 12, 12, generator=torch.Generator().manual_seed(0)) * view.mask
     result = BRDFEstimator(basis, MaterialClasses.fit(tiny_library, n_classes=2, n_dims=2), penalty)(photograph)
     expected = gather(Subject(photograph, view.mask, result, basis, tiny_library, probe, view), 8, 8).warnings
-    found = doubts_without_pictures(result, basis, result.brdf(tiny_library))
+    found = doubts_of_result(result, basis, result.brdf(tiny_library))
     assert len(found) > 1
     assert found == [text for text in expected if not text.startswith("Under another light")]
+
+
+def test_few_pixels_are_a_doubt(tiny_library):
+    """Of those that show the shape, as the commands say."""
+    view = SphereView(12)
+    basis = render_basis(tiny_library, LightProbe.default(32), view, samples=64)
+    estimator = BRDFEstimator(basis, MaterialClasses.single(tiny_library))
+    pixels = len(view.pixels)
+    for count in (pixels // 5, pixels // 3):
+        mask = ~view.mask
+        mask.ravel()[view.pixels[:count]] = True
+        result = estimator(basis.image("white"), mask)
+        table = result.brdf(tiny_library)
+        found = set(doubts_of_result(result, basis, table, mask)) - set(doubts_of_result(result, basis, table))
+        few = count < pixels / 4
+        assert found == ({f"only {count} of the shape's {pixels} pixels are used"} if few else set())
+
+
+def test_doubts_are_of_one_photograph_and_its_mask(tiny_library):
+    basis = render_basis(tiny_library, LightProbe.default(32), SphereView(12), samples=64)
+    results = BRDFEstimator(basis, MaterialClasses.single(tiny_library))(basis.image("white")[None])
+    table = results[0].brdf(tiny_library)
+    with pytest.raises(ValueError, match=r"^doubts are of a single reconstruction, this holds a batch; pick one: resu"):
+        doubts_of_result(results, basis, table)
+    with pytest.raises(ValueError, match=r"^mask must be \(1, 12, 12\) like the basis images', got \(12, 12\)$"):
+        doubts_of_result(results[0], basis, table, basis.mask[0])
 
 
 def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):

@@ -1,8 +1,14 @@
 """Arguments of another type than a call takes, swapped ones above all."""
 
+from collections.abc import Iterable
+from typing import TypeVar
+
+Wanted = TypeVar("Wanted")
+
 _MADE_BY = {
     "BasisImages": "make them with tb.render_basis(library, probe, view)",
     "LightProbe": "open one with tb.LightProbe.open(path)",
+    "MaterialClasses": "make them with tb.MaterialClasses.fit(library)",
     "MaterialLibrary": "open one with tb.MaterialLibrary.default()",
     "MerlTable": "take result.brdf(library), library.table(name) or tb.read_table(path)",
     "View": "make one, such as tb.SphereView(32)",
@@ -21,6 +27,20 @@ def check_types(call: str, **given: tuple[object, type]) -> None:
         swapped = any(isinstance(value, other) for _, other in given.values())
         remedy = f"the order is {call}({', '.join(given)})" if swapped else _MADE_BY[wanted.__name__]
         raise ValueError(f"{call}: {name} must be a {wanted.__name__}, got {_called(value)}; {remedy}")
+
+
+def several(
+    call: str, name: str, given: Wanted | Iterable[Wanted], wanted: type[Wanted], **others: tuple[object, type]
+) -> tuple[Wanted, ...]:
+    """What a call takes one of or a sequence of, as a sequence; else ValueError, see `check_types`.
+
+    name    of the argument, the first of the call
+    others  the arguments after it, as `check_types` takes them
+    """
+    found = tuple(given) if isinstance(given, Iterable) else (given,)
+    for one in found:
+        check_types(call, **{name: (one, wanted)}, **others)
+    return found
 
 
 def _called(value: object) -> str:

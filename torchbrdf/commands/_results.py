@@ -14,7 +14,7 @@ from torchbrdf.commands._lit_sight import LitSight
 from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
-from torchbrdf.report import Doubt, Scene, doubts_without_pictures, write_report
+from torchbrdf.report import Doubt, Scene, doubts_of_result, write_report
 
 WEIGHTS = "weights.json"
 """Written last: where it is, the others are whole."""
@@ -151,7 +151,7 @@ def write_page(
 
 def warn_of_doubts(fitted: Fit) -> None:
     """Warn of what the report would, as far as no picture is needed for it."""
-    for doubt in doubts_without_pictures(fitted.result, fitted.subject.basis, fitted.table):
+    for doubt in doubts_of_result(fitted.result, fitted.subject.basis, fitted.table):
         warnings.warn(doubt, UserWarning, stacklevel=2)
 
 

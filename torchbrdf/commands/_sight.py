@@ -18,11 +18,9 @@ from torchbrdf.photograph import (
     observe,
     observe_view,
 )
-from torchbrdf.report import Scene
+from torchbrdf.report import Scene, few_pixels
 from torchbrdf.view import View
 
-_SMALL_SHARE = 0.25
-"""Of the view's pixels: with fewer the command warns."""
 _CLIPPED = 0.002
 """Of the shape's pixels: with more at the largest whole number the command warns."""
 
@@ -74,8 +72,8 @@ def read_observation(options: argparse.Namespace, size: int | None) -> Sight:
             observation = observe_view(photograph.image, view, photograph.usable)
         silhouette, found = None, f"shape of {options.view}"
     used, seen = int(observation.mask.sum()), len(view.pixels)
-    if used < _SMALL_SHARE * seen:
-        warnings.warn(f"{options.photo}: only {used} of the shape's {seen} pixels are used", UserWarning, stacklevel=2)
+    if few := few_pixels(used, seen):
+        warnings.warn(f"{options.photo}: {few}", UserWarning, stacklevel=2)
     if (clipped := photograph.clipped_share(silhouette)) > _CLIPPED:
         message = (
             f"{options.photo}: {clipped:.1%} of the shape's pixels have the largest number that the file can hold, and "

@@ -8,6 +8,7 @@ from math import log, pi
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import check_types
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.settings import N_CLASSES, N_DIMS
 from torchbrdf.estimation.shared_buffers import SharedBuffers
@@ -229,8 +230,9 @@ class MaterialClasses(SharedBuffers):
         """The mixture of n_classes Gaussians in the first n_dims singular vectors of B.
 
         Where the library cannot support so many classes (each needs n_dims + 1 different members), there are fewer,
-        with a warning.
+        with a warning. Raises ValueError for anything but a library, and for one of which every basis BRDF is zero.
         """
+        check_types("MaterialClasses.fit", library=(library, MaterialLibrary))
         if n_classes < 1 or n_dims < 1:
             raise ValueError(f"n_classes and n_dims must be at least 1, got {n_classes} and {n_dims}")
         x = subspace_coordinates(library.gram, min(n_dims, library.n))
@@ -280,7 +282,8 @@ class MaterialClasses(SharedBuffers):
 
     def extra_repr(self) -> str:
         """Sizes, for `repr`."""
-        return f"{len(self.labels)} basis BRDFs in classes of {self.sizes}"
+        sizes = "" if self.labels.is_meta else f" in classes of {self.sizes}"
+        return f"{len(self.labels)} basis BRDFs{sizes}"
 
     def table(self) -> str:
         """Which material is in which class, a line each; the channels are named where they differ."""

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import several
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.constraints import constrain
@@ -25,6 +26,7 @@ from torchbrdf.estimation.shared_buffers import SharedBuffers
 from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solution import Solution
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
+from torchbrdf.estimation.state_of_light import check_light, shortened, warn_of_light
 from torchbrdf.lasting import LastMade, lasting, without_autocast
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import Frames
@@ -54,6 +56,10 @@ class BRDFEstimator(SharedBuffers):
     With a fixed penalty it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 for each class and colour channel (eq. 26
     with Sigma' = identity) and keeps the class with the smallest |Y w - y|^2 summed over the channels (eq. 19).
     Gradients flow to the photograph. Warns where the shape shows too few normals (a plane, a cube).
+
+    A `state_dict` holds basis images, masks, classes and the fingerprints of light and view, but no settings: penalty,
+    solver, constraint and robust stay those that the estimator was made with. One that does not fit, of another library
+    or size, is refused with a ValueError and changes nothing; one of another light is warned of.
     """
 
     packed: Tensor
@@ -70,7 +76,7 @@ class BRDFEstimator(SharedBuffers):
     ) -> None:
         """Check that basis and classes belong together."""
         super().__init__()
-        bases = (basis,) if isinstance(basis, BasisImages) else tuple(basis)
+        bases = several("BRDFEstimator", "basis", basis, BasisImages, classes=(classes, MaterialClasses))
         if not bases:
             raise ValueError("basis is an empty sequence; give the basis images of each photograph")
         for one in bases:
@@ -84,7 +90,7 @@ class BRDFEstimator(SharedBuffers):
             raise ValueError(f'solver must be "factored" or "lstsq", got {solver!r}')
         if constraint is not None and constraint not in CONSTRAINTS:
             raise ValueError(f"constraint must be None or one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-        origin = None if library is None else (library.source, library.names)
+        origin = (library.source, library.names) if isinstance(library, MaterialLibrary) else None
         if constraint == "energy" and origin != (classes.library, classes.names):
             raise ValueError('constraint "energy" needs the library of the basis images: library=...')
         if solver == "lstsq" and (penalty == "auto" or constraint is not None):
@@ -102,40 +108,25 @@ class BRDFEstimator(SharedBuffers):
         self._bank: LastMade[PriorBank] = LastMade()
         self._masked_bank: tuple[PriorBank, Tensor, PriorBank] | None = None
 
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
-        """Refuse a state for other materials, or of a light that it does not name, before any of it is copied."""
-        origin, packed = state_dict.get(f"{prefix}_extra_state"), state_dict.get(f"{prefix}packed")
-        if origin is not None and (origin["library"], origin["names"]) != (self.library, " ".join(self.names)):
-            raise ValueError("this state_dict belongs to an estimator with another material library")
-        if packed is None:
-            known = origin is None or origin == self.get_extra_state()
-        else:
-            known = origin is not None or torch.equal(packed.to(self.packed), self.packed)
-        if not known:
-            raise ValueError(
-                f"this state_dict holds only one of other basis images and what they show, {prefix}packed and "
-                f"{prefix}_extra_state; load the whole state of an estimator, or leave all of it out"
-            )
-        super()._load_from_state_dict(state_dict, prefix, *rest)
+    def _check_state(self, state_dict: Mapping[str, Any], prefix: str) -> None:
+        """Refuse a state of other materials or sizes, too; warn of one of another light."""
+        check_light(state_dict, prefix, self.state_dict())
+        super()._check_state(state_dict, prefix)
+        warn_of_light(state_dict, prefix, self.get_extra_state())
 
     def get_extra_state(self) -> dict[str, str]:
         """The fingerprints of what a state_dict was made from."""
         return {"library": self.library, "names": " ".join(self.names), "probe": self.probe, "view": self.view}
 
     def set_extra_state(self, state: Mapping[str, str]) -> None:
-        """Take over the probe and view of a state_dict; warns where they are others."""
-        if changed := [what for what in ("probe", "view") if getattr(self, what) != state[what]]:
-            both = " and ".join(changed).replace("probe", "light")
-            message = f"the state_dict holds another {both}: photographs are now explained under that {both}"
-            warnings.warn(message, UserWarning, stacklevel=2)
+        """Take over the probe and view of a state_dict."""
         self.probe, self.view = state["probe"], state["view"]
 
     def extra_repr(self) -> str:
         """Settings and sizes, for `repr`."""
         n, _, p = self.packed.shape
         settings = f"penalty={self.penalty!r}, solver={self.solver!r}, constraint={self.constraint!r}"
-        lights = " ".join(one[:8] for one in self.probe.split())
-        return f"{settings}, robust={self.robust}, n={n}, pixels={p}, light={lights}"
+        return f"{settings}, robust={self.robust}, n={n}, pixels={p}, light={shortened(self.probe)}"
 
     @property
     def frames(self) -> Frames:
@@ -157,24 +148,27 @@ class BRDFEstimator(SharedBuffers):
         )
 
     @without_autocast
-    def rehearse(self, novel: Sequence[BasisImages]) -> Rehearsal:
+    def rehearse(self, novel: BasisImages | Sequence[BasisImages]) -> Rehearsal:
         """How far off photographs of the library's own materials would be under other light, see `rehearsal`.
 
-        novel   basis images of the same library under other light
+        novel   basis images of the same library under another light, or under several
         """
-        return rehearse(self.packed.cpu(), Frames(tuple(mask.cpu() for mask in self.frames.masks)), novel, self.classes)
+        frames = Frames(tuple(mask.cpu() for mask in self.frames.masks))
+        lights = several("BRDFEstimator.rehearse", "novel", novel, BasisImages)
+        return rehearse(self.packed.cpu(), frames, lights, self.classes)
 
     @without_autocast
     def observability(
-        self, library: MaterialLibrary | None = None, novel: Sequence[BasisImages] = ()
+        self, library: MaterialLibrary | None = None, novel: BasisImages | Sequence[BasisImages] = ()
     ) -> Observability:
         """What the light and the view can tell about a material, before any photograph.
 
         library  the one of the basis images, to tell it by cell of the BRDF, too
-        novel    basis images under other light, to predict the error there
+        novel    basis images under another light, or under several, to predict the error there
         """
+        lights = several("BRDFEstimator.observability", "novel", novel, BasisImages)
         told = observability(self.bank, self.classes, library)
-        return replace(told, rehearsal=self.rehearse(novel)) if novel else told
+        return replace(told, rehearsal=self.rehearse(lights)) if lights else told
 
     @without_autocast
     def forward(

@@ -7,6 +7,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import check_types
 from torchbrdf.brdf import GRID, MaterialLibrary, above_horizon, cell_centres
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.priors import PriorBank, whole_variances
@@ -45,7 +46,7 @@ _POWERS = (0.0, 0.5)
 """The whole library as it is, and with S = 1 / |b_i|, so that the few BRDFs with high peaks do not decide alone."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Observability:
     """What photographs under this light from this view determine, at a stated noise, if materials are like the library.
 
@@ -73,6 +74,10 @@ class Observability:
     theta_h: Tensor
     theta_d: Tensor
     rehearsal: Rehearsal | None = None
+
+    def __repr__(self) -> str:
+        """The verdict."""
+        return f"Observability({self.verdict})"
 
     @property
     def predicted_error(self) -> float | None:
@@ -143,8 +148,10 @@ def observability(
     """
     if not 0 < noise < float("inf"):
         raise ValueError(f"noise must be above 0, a share of the photograph such as 0.01, got {noise}")
-    if library is not None and (library.source, library.names) != (classes.library, classes.names):
-        raise ValueError("this library is not the one that the basis images were rendered with")
+    if library is not None:
+        check_types("BRDFEstimator.observability", library=(library, MaterialLibrary))
+        if (library.source, library.names) != (classes.library, classes.names):
+            raise ValueError("this library is not the one that the basis images were rendered with")
     space, k = bank.space, classes.n_classes
     norms = classes.norms.to(bank.variances)
     whole = PriorBank.of(space, torch.stack([whole_variances(norms, power) for power in _POWERS]))

@@ -27,12 +27,16 @@ _ROUNDING = 1e-14
 """Directions with less than this share of the largest variance are rounding of the covariance."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Moments:
     """Mean (3, n) and covariance (3, n, n) of the weights of each colour channel, float64."""
 
     mean: Tensor
     covariance: Tensor
+
+    def __repr__(self) -> str:
+        """The shapes."""
+        return f"Moments(mean {tuple(self.mean.shape)}, covariance {tuple(self.covariance.shape)})"
 
     @classmethod
     def of(cls, found: Explanation, probabilities: Tensor, row: int) -> "Moments":
@@ -127,16 +131,22 @@ class Posterior:
         return torch.linalg.vector_norm(rows @ (self.factor if factor is None else factor).to(rows), dim=-1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PosteriorBatch:
     """The posteriors of a batch of photographs.
 
-    groups  explanations of photographs that share a mask
+    groups  explanations of photographs that share a mask; none where they were left out to save memory
     where   (*batch, 2)  int64: group and row of each photograph
     """
 
     groups: tuple[Explanation, ...]
     where: Tensor
+
+    def __repr__(self) -> str:
+        """How many there are."""
+        count = " x ".join(map(str, self.where.shape[:-1]))
+        what = f"{count} photographs" if count else "1 photograph"
+        return f"PosteriorBatch({what}{'' if self.groups else ', left out'})"
 
     def __getitem__(self, i: int) -> "PosteriorBatch":
         """One of the first batch axis."""
@@ -144,7 +154,9 @@ class PosteriorBatch:
 
     @cached_property
     def single(self) -> Posterior:
-        """The only one, whose moments are made once."""
+        """The only one, whose moments are made once; ValueError where it was left out."""
+        if not self.groups:
+            raise ValueError("this result is one without_posteriors(): ask the result from which that was made")
         group, row = self.where.tolist()
         explanation = self.groups[group]
         return Posterior(explanation, explanation.shares[row], row)

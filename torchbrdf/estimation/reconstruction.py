@@ -1,10 +1,12 @@
 """What the estimator found: weights, the class that won, and every class's candidate."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import check_types
 from torchbrdf.brdf import MaterialLibrary, MerlTable, above_horizon
 from torchbrdf.estimation.posterior import Posterior, PosteriorBatch
 from torchbrdf.transport import BasisImages
@@ -76,19 +78,40 @@ class Reconstruction:
         """One reconstruction of a batch."""
         if self.class_index.ndim == 0:
             raise IndexError("this is a single reconstruction; it has no batch axis to index")
-        tensors = ("weights", "class_weights", "class_errors", "class_probabilities", "class_index", "error", "energy")
-        image = tuple(one[i] for one in self.image) if isinstance(self.image, tuple) else self.image[i]
+        picked = self._each(lambda tensor: tensor[i])
+        return picked if self.posteriors is None else replace(picked, posteriors=self.posteriors[i])
+
+    def detach(self) -> "Reconstruction":
+        """The same tensors without gradients, as `Tensor.detach`; posteriors never have any."""
+        return self._each(Tensor.detach)
+
+    def without_posteriors(self) -> "Reconstruction":
+        """The same without what `posterior`, `image_std` and `brdf_std` need, which then raise ValueError.
+
+        To keep many results or to save them: posteriors refer to the factored priors of the estimator, some 30 MB that
+        every pickle would hold. Gradients stay: `result.detach().without_posteriors()`.
+        """
+        kept = self.posteriors
+        return self if kept is None else replace(self, posteriors=PosteriorBatch((), kept.where))
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> "Reconstruction":
+        """With every tensor changed; posteriors stay."""
         return replace(
             self,
-            **{name: getattr(self, name)[i] for name in tensors},
-            image=image,
-            posteriors=None if self.posteriors is None else self.posteriors[i],
-            optimality=None if self.optimality is None else self.optimality[i],
+            weights=change(self.weights),
+            class_weights=change(self.class_weights),
+            class_errors=change(self.class_errors),
+            class_probabilities=change(self.class_probabilities),
+            class_index=change(self.class_index),
+            error=change(self.error),
+            energy=change(self.energy),
+            image=tuple(map(change, self.image)) if isinstance(self.image, tuple) else change(self.image),
+            optimality=None if self.optimality is None else change(self.optimality),
         )
 
     def candidate(self, j: int, library: MaterialLibrary) -> MerlTable:
         """The BRDF that class j would give; see `brdf`."""
-        self._check(library)
+        self._check("candidate", library)
         return library.combine(self.class_weights[j], f"class {j}")
 
     def brdf(self, library: MaterialLibrary) -> MerlTable:
@@ -97,7 +120,7 @@ class Reconstruction:
         No gradient flows through it, of which it warns; for a loss under other light use `basis.render(weights)`.
         Raises ValueError for a batch (pick one with result[i]) or another library than that of the basis images.
         """
-        self._check(library)
+        self._check("brdf", library)
         return library.combine(self.weights, "reconstruction")
 
     def tables(self, library: MaterialLibrary, keep: bool = True) -> list[MerlTable]:
@@ -105,7 +128,7 @@ class Reconstruction:
 
         keep  whether the library's columns stay in memory, see `StoredColumns.blocks`
         """
-        self._check(library)
+        self._check("tables", library)
         weights = torch.cat([self.weights[None], self.class_weights])
         names = ["reconstruction", *(f"class {j}" for j in range(len(weights) - 1))]
         return library.combine_each(weights, names, keep)
@@ -116,13 +139,14 @@ class Reconstruction:
         The pixel is within 1.645 of these of the rendering of `weights` with a probability of 90 %; see
         docs/uncertainty.md for how often that held. 0 outside the mask. No gradient flows through it.
         """
+        check_types("Reconstruction.image_std", basis=(basis, BasisImages))
         if (basis.library, basis.names) != (self.library, self.names):
             raise ValueError("these basis images show another library than those of the photograph")
         return basis.unpack(self.posterior.std(basis.packed.permute(1, 2, 0)))
 
     def brdf_std(self, library: MaterialLibrary) -> Tensor:
         """(90, 90, 180, 3) float32: standard deviation of f_r in every cell of `brdf`, in 1/sr, 0 below the horizon."""
-        self._check(library)
+        self._check("brdf_std", library)
         posterior = self.posterior
         some = torch.nonzero(above_horizon().ravel()).ravel()[::_SAMPLED]
         factor = posterior.compressed(library.rows(some))
@@ -132,7 +156,7 @@ class Reconstruction:
     def posterior(self) -> Posterior:
         """The posterior of the weights, of a single reconstruction.
 
-        Raises ValueError for a batch, and with a fixed penalty, which has none.
+        Raises ValueError for a batch, for a result `without_posteriors`, and with a fixed penalty, which has none.
         """
         self._single("posterior")
         if self.posteriors is None:
@@ -146,7 +170,8 @@ class Reconstruction:
                 "pick one: result[i]"
             )
 
-    def _check(self, library: MaterialLibrary) -> None:
-        self._single("brdf")
+    def _check(self, call: str, library: MaterialLibrary) -> None:
+        self._single(call)
+        check_types(f"Reconstruction.{call}", library=(library, MaterialLibrary))
         if (library.source, library.names) != (self.library, self.names):
             raise ValueError("this library is not the one that the basis images were rendered with")

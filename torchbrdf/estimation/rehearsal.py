@@ -31,7 +31,7 @@ _FOLDS = 6
 _SEED = 2718
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rehearsal:
     """Errors of the library's materials.
 
@@ -41,6 +41,11 @@ class Rehearsal:
 
     errors: Tensor
     kinds: Tensor
+
+    def __repr__(self) -> str:
+        """How many materials and lights, and the mean error."""
+        materials, lights = self.errors.shape
+        return f"Rehearsal({materials} materials, {lights} other lights, mean error {self.error:.2%})"
 
     @property
     def error(self) -> float:

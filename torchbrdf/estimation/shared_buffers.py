@@ -1,6 +1,6 @@
 """Modules that hold the very tensors of others, and in which those stay as they are."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 import torch
@@ -24,19 +24,47 @@ class SharedBuffers(nn.Module):
         return super()._apply(moved, recurse)
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *rest: Any) -> None:
-        """Copy a state into tensors of the module's own, see `nn.Module.load_state_dict`.
+        """Copy a state into tensors of the module's own, see `nn.Module.load_state_dict`; nothing where it is refused.
 
-        Raises ValueError where the state was rounded to a type below float32.
+        Raises ValueError, see `_check_state`.
         """
+        self._check_state(state_dict, prefix)
         for name, buffer in self.named_buffers(recurse=False, remove_duplicate=False):
-            loaded = state_dict.get(prefix + name)
-            if isinstance(loaded, Tensor) and _is_rounded(loaded):
+            self._buffers[name] = buffer.clone()
+        super()._load_from_state_dict(state_dict, prefix, *rest)
+
+    def _check_state(self, state_dict: Mapping[str, Any], prefix: str) -> None:
+        """Raise ValueError where a state does not fit this module and those in it.
+
+        That is where a tensor is none, of another shape, or of a type below float32, and where some names are absent
+        and what is there is not what the module has already.
+        """
+        own = self.state_dict()
+        given = {name: state_dict[prefix + name] for name in own if prefix + name in state_dict}
+        absent = [prefix + name for name in own if name not in given]
+        if absent and not all(_are_same(value, own[name]) for name, value in given.items()):
+            raise ValueError(
+                f"this state_dict holds only a part of what another {type(self).__name__} is, without "
+                f"{', '.join(absent)}; load the whole state of one, or leave all of it out"
+            )
+        for name, loaded in given.items():
+            if not isinstance(own[name], Tensor):
+                continue
+            shape = tuple(own[name].shape)
+            if not isinstance(loaded, Tensor) or tuple(loaded.shape) != shape:
+                found = tuple(loaded.shape) if isinstance(loaded, Tensor) else type(loaded).__name__
+                raise ValueError(f"this state_dict holds {found} as {prefix}{name}, expected {shape}")
+            if _is_rounded(loaded):
                 raise ValueError(
                     f"this state_dict holds {prefix}{name} in {loaded.dtype}, too coarse to estimate with; "
                     "save it as the module gives it, in float32 or float64"
                 )
-            self._buffers[name] = buffer.clone()
-        super()._load_from_state_dict(state_dict, prefix, *rest)
+
+
+def _are_same(given: Any, own: Any) -> bool:
+    if isinstance(own, Tensor):
+        return isinstance(given, Tensor) and torch.equal(given.to(own), own)
+    return bool(given == own)
 
 
 def _is_rounded(values: Tensor) -> bool:

@@ -6,14 +6,14 @@ rendering. What spoils it is any callable on batches of images and masks, such a
 
 import hashlib
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from torchbrdf.arguments import check_types
+from torchbrdf.arguments import several
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import unpack
 
@@ -81,9 +81,7 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         blending: Blending | None = None,
     ) -> None:
         """Check that the basis images belong together, and share them with workers."""
-        lights = tuple(basis) if isinstance(basis, Iterable) else (basis,)
-        for light in lights:
-            check_types("ReflectanceMaps", basis=(light, BasisImages))
+        lights = several("ReflectanceMaps", "basis", basis, BasisImages)
         if not lights:
             raise ValueError("basis is an empty sequence; give the basis images of at least one light")
         first = lights[0]

@@ -3,7 +3,8 @@ from .comparison import Comparison as Comparison
 from .comparison_page import write_comparison as write_comparison
 from .doubts import (
     Doubt as Doubt,
-    doubts_without_pictures as doubts_without_pictures,
+    doubts_of_result as doubts_of_result,
+    few_pixels as few_pixels,
 )
 from .evidence import Subject as Subject
 from .page import (

@@ -35,6 +35,9 @@ priors it tells nothing: with it the error is no larger for its standard deviati
 LARGE_CLAMPED_SHARE = 0.02
 """Share of values set to zero above which there is a warning."""
 
+SMALL_SHARE = 0.25
+"""Share of the pixels that show the shape below which there is a warning that few are used."""
+
 
 class ClassFigures(Protocol):
     """What one class makes of a photograph: its index, its probability (None with a fixed penalty), |Y w - y| / |y|."""
@@ -168,8 +171,26 @@ def doubts(
     return found
 
 
-def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: MerlTable) -> list[str]:
-    """The doubts about a single result of which no report is made: all but that about another light."""
+def few_pixels(used: int, seen: int) -> str | None:
+    """That few of the pixels that show the shape are used; None where they suffice."""
+    return f"only {used} of the shape's {seen} pixels are used" if used < SMALL_SHARE * seen else None
+
+
+def doubts_of_result(
+    result: Reconstruction, basis: BasisImages, table: MerlTable, mask: Tensor | None = None
+) -> list[str]:
+    """The reasons to doubt a single result, in a sentence or two each, as the commands warn of them.
+
+    basis   of the photograph; of several photographs those of any
+    table   `result.brdf(library)`
+    mask    (1, H, W) bool as the estimator took it; None for all pixels
+    All but that the picture is uncertain under another light, which needs basis images there: `result.image_std`.
+    Raises ValueError for a batch, and a mask of another size.
+    """
+    if result.class_index.ndim:
+        raise ValueError("doubts are of a single reconstruction, this holds a batch; pick one: result[i]")
+    if mask is not None and mask.shape != basis.mask.shape:
+        raise ValueError(f"mask must be {tuple(basis.mask.shape)} like the basis images', got {tuple(mask.shape)}")
     errors = (result.class_errors / result.energy).clamp_min(0).sqrt().tolist()
     probabilities = [None] * len(errors) if result.posteriors is None else result.class_probabilities.tolist()
     found = doubts(
@@ -182,4 +203,5 @@ def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: M
         distrust=basis.distrust,
         spread=None,
     )
-    return [doubt.text for doubt in found]
+    few = None if mask is None else few_pixels(int(basis.pack(mask).sum()), basis.packed.shape[-1])
+    return [*([few] if few else []), *(doubt.text for doubt in found)]

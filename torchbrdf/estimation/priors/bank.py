@@ -125,7 +125,7 @@ class PriorBank:
         return Explanation(self, brightness, deviation, quadratic, log_evidence)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
     """Photographs as every prior and penalty explains them.
 
@@ -140,6 +140,11 @@ class Explanation:
     deviation: Tensor
     quadratic: Tensor
     log_evidence: Tensor
+
+    def __repr__(self) -> str:
+        """How many photographs, priors and penalties."""
+        photographs, priors, penalties = self.log_evidence.shape
+        return f"Explanation({photographs} photographs, {priors} priors, {penalties} penalties each)"
 
     @cached_property
     def _tempered(self) -> Tensor:
