@@ -25,10 +25,14 @@ from torchbrdf.brdf.merl import LARGEST
 from torchbrdf.brdf.merl_grid import N_CELLS
 from torchbrdf.brdf.stored_columns import Part, StoredColumns
 from torchbrdf.files import OTHER_DISK, check_room, replacing_folder, writing
+from torchbrdf.progress import announce
 
 FORMAT = 1
 MIXTURE = "mixture-"
 """How the folders begin of libraries of several folders or files."""
+
+_ANNOUNCED = 3e8
+"""Bytes from which the making of a cache is announced: it takes ten seconds or more."""
 
 _KEPT_MIXTURES = 8
 """The last ones that were opened: each change of what is mixed makes another, of 9 MB a material."""
@@ -165,8 +169,11 @@ def _complete(folder: Path, manifest: dict[str, Any], stamps: tuple[str, ...]) -
 def _build_folder(
     source: ColumnSource, stamps: tuple[str, ...], folder: Path, progress: bool, known: Sequence[StoredColumns]
 ) -> None:
-    stamp = source.stamp
-    check_room(folder.parent, 1.05 * 2 * N_CELLS * 3 * len(source.names), "the library cache")
+    stamp, size = source.stamp, 2 * N_CELLS * 3 * len(source.names)
+    check_room(folder.parent, 1.05 * size, "the library cache")
+    if size > _ANNOUNCED:
+        where = f"{size / 1e9:.1f} GB in {folder.parent}"
+        announce(f"{len(source.names)} materials of a library: expanded once, to {where}", shown=progress)
     with replacing_folder(folder, OTHER_DISK) as temporary:
         build = Build(source, stamps, known)
         with open(temporary / "columns.f16", "wb") as file, ThreadPoolExecutor(1) as writer:
