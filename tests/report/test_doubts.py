@@ -20,10 +20,10 @@ def test_without_a_report_they_are_those_of_the_report(tiny_library, penalty):
     basis = render_basis(tiny_library, probe, view, samples=64)
     photograph = 60 * torch.rand(3, 12, 12, generator=torch.Generator().manual_seed(0)) * view.mask
     result = BRDFEstimator(basis, MaterialClasses.fit(tiny_library, n_classes=2, n_dims=2), penalty)(photograph)
-    expected = gather(Subject(photograph, view.mask, result, basis, tiny_library, probe, view), 8, 8).warnings
+    expected = gather(Subject(photograph, view.mask, result, basis, tiny_library, probe, view), 8, 8).found_doubts
     found = doubts_without_pictures(result, basis, result.brdf(tiny_library))
     assert len(found) > 1
-    assert found == [text for text in expected if not text.startswith("Under another light")]
+    assert found == [doubt for doubt in expected if doubt.topic != "uncertain"]
 
 
 def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):

@@ -10,6 +10,7 @@ from torch import Tensor
 from torchbrdf.brdf import MerlTable, directional_albedo, reflects_too_much
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.report.advice import Topic
+from torchbrdf.report.grade import HARMLESS
 from torchbrdf.transport import BasisImages
 
 LARGE_RESIDUAL = 0.05
@@ -56,6 +57,15 @@ class Doubt:
 
     topic: Topic
     text: str
+
+    def __str__(self) -> str:
+        """The sentences."""
+        return self.text
+
+    @property
+    def is_harmless(self) -> bool:
+        """Whether a good result may have it."""
+        return self.topic in HARMLESS
 
 
 @dataclass(frozen=True)
@@ -168,11 +178,11 @@ def doubts(
     return found
 
 
-def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: MerlTable) -> list[str]:
+def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: MerlTable) -> list[Doubt]:
     """The doubts about a single result of which no report is made: all but that about another light."""
     errors = (result.class_errors / result.energy).clamp_min(0).sqrt().tolist()
     probabilities = [None] * len(errors) if result.posteriors is None else result.class_probabilities.tolist()
-    found = doubts(
+    return doubts(
         error=float(result.relative_error),
         classes=[ClassShare(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
         chosen=int(result.class_index),
@@ -182,4 +192,3 @@ def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: M
         distrust=basis.distrust,
         spread=None,
     )
-    return [doubt.text for doubt in found]
