@@ -134,7 +134,10 @@ def test_uniform_light_cannot_tell_gloss_from_albedo_and_a_room_can(materials, p
 
 @pytest.mark.parametrize(
     ("highlight", "start"),
-    [(0.1, "cannot tell"), (CANNOT, "hardly tells"), (0.44, "hardly tells"), (HARDLY, "tells"), (0.9, "tells")],
+    [
+        (0.1, "cannot tell"), (CANNOT, "hardly tells"), (0.39, "hardly tells"), (0.44, "partly tells"),
+        (HARDLY, "partly tells"), (0.49, "partly tells"), (0.51, "tells"), (0.9, "tells"),
+    ],
 )
 def test_verdicts(packed, classes, highlight, start):
     found = observability(bank_of(packed["room"], classes), classes)
