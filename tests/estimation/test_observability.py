@@ -147,6 +147,13 @@ def test_verdicts(packed, classes, highlight, start):
     assert f"about {found.whole:.0f} numbers a channel stand out of 1.0% noise" in line
 
 
+def test_what_one_side_does_not_show_is_a_guess_from_there_alone(packed, classes):
+    """A second photograph, with the camera gone round, may show it."""
+    found = observability(bank_of(packed["room"], classes), classes)
+    said = replace(found, seen=torch.zeros(18, 18)).verdict
+    assert "no light from behind the object: grazing reflection will be a guess from this side alone; removes" in said
+
+
 def test_shadow_is_said(packed, classes):
     images = packed["room"].clone()
     p = images.shape[-1]

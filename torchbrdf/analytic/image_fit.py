@@ -26,7 +26,7 @@ PIXELS = "pixels"
 """The metric of these fits: relative difference of the pixels."""
 
 POOR_PICTURE = 0.2
-"""Relative error of the pixels above which a fit warns: of measured materials under their own light few have more."""
+"""Relative error of the pixels above which a fit warns: `principled` has 0.18 of a golden car paint under Uffizi."""
 
 Method = Literal["adam", "least-squares"]
 MOST_EVALUATIONS = {"adam": 600, "least-squares": MOST_ON_A_PHOTOGRAPH}
