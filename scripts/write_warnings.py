@@ -13,7 +13,8 @@ from textwrap import fill
 
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.files import writing
-from torchbrdf.report.advice import ADVICE, TOPICS, Advice
+from torchbrdf.report.advice import ADVICE, TOPICS, Topic
+from torchbrdf.report.grade import HARMLESS
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "warnings.md"
 WIDTH = 120
@@ -22,22 +23,26 @@ HEAD = """\
 # What the warnings mean
 
 `torchbrdf fit` warns on the terminal, and its report has a paragraph for each warning; here are all of them. What the
-report's grades stand for, and how often they are right, is [measured](uncertainty.md#the-reports-grade). In Python
+report's grades stand for, and how often they are right, is [measured](uncertainty.md#the-reports-grade). What a good
+result may have, too, is said there as a note, and so marked here. In Python
 [`torchbrdf.report.doubts_of_result`](api/reports.md) gives those about a result.
 `scripts/write_warnings.py` makes this page from the words of the report, `torchbrdf/report/advice.py`.
 """
 
+NOTE = "A note on the terminal: the result is no worse for it."
 
-def paragraph(advice: Advice) -> str:
+
+def paragraph(topic: Topic) -> str:
     """A section of the page."""
-    parts = advice.meaning, advice.remedy
+    advice = ADVICE[topic]
+    parts = (*([NOTE] if topic in HARMLESS else []), advice.meaning, advice.remedy)
     words = (fill(text, WIDTH, break_on_hyphens=False, break_long_words=False) for text in parts)
     return "\n\n".join([f"## {advice.title}", *words, f"More: [{advice.heading}]({advice.page})."])
 
 
 def page() -> str:
     """All of it."""
-    return "\n".join([HEAD, "\n\n".join(paragraph(ADVICE[topic]) for topic in TOPICS), ""])
+    return "\n".join([HEAD, "\n\n".join(map(paragraph, TOPICS)), ""])
 
 
 def run(options: argparse.Namespace) -> None:

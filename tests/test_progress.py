@@ -3,10 +3,11 @@
 import sys
 from io import StringIO
 from pathlib import Path
+from threading import Event
 
 import pytest
 
-from torchbrdf.progress import _draws, above_bars, announce, no_progress, progress_bar
+from torchbrdf.progress import _draws, above_bars, announce, no_progress, progress_bar, told_if_slow
 
 
 @pytest.fixture
@@ -90,6 +91,16 @@ class TestElsewhere:
             "materials: 1 of 3 after 00:00, 00:00 left",
         ]
 
+    def test_the_count_is_never_old(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """Where quick items are followed by slow ones, as a library's groups of rings are."""
+        now = 0.0
+        bar = progress_bar(range(60), desc="groups")
+        bar._time, bar.start_t, bar.last_print_t = lambda: now, 0.0, 0.0
+        for i in bar:
+            now += 1 if i < 40 else 20
+        said = [line.split(" after ")[0] for line in capsys.readouterr().err.splitlines()]
+        assert said[:4] == ["groups: 30 of 60", "groups: 41 of 60", "groups: 43 of 60", "groups: 45 of 60"]
+
     def test_one_in_another(self, capsys: pytest.CaptureFixture[str]) -> None:
         """No character moves a cursor that is not there."""
         for _ in progress_bar([1, 2], desc="photographs", mininterval=0, delay=0):
@@ -97,6 +108,17 @@ class TestElsewhere:
         said = capsys.readouterr().err
         assert {line.split(":")[0] for line in said.splitlines()} == {"photographs", "materials"}
         assert said.replace("\n", "").isprintable()
+
+    @pytest.mark.parametrize("patience", [0.0, 60.0])
+    def test_a_block_is_announced_where_it_takes_long(
+        self, patience: float, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("torchbrdf.progress._PATIENCE", patience)
+        said = Event()
+        monkeypatch.setattr("torchbrdf.progress.announce", lambda text: (announce(text), said.set()))
+        with told_if_slow("explaining the photograph"):
+            assert said.wait(5.0 if patience == 0 else 0.0) == (patience == 0)
+        assert capsys.readouterr().err == ("explaining the photograph\n" if patience == 0 else "")
 
     def test_what_takes_long_is_announced(self, capsys: pytest.CaptureFixture[str]) -> None:
         announce("it takes long")

@@ -28,6 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     findings = commands.Findings.of(options)
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        if issubclass(category, commands.Note):
+            findings.notes.append(str(message))
+            return
         findings.warnings.append(str(message))
         say(commands.NAME, str(message), "warning")
 

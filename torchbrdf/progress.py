@@ -1,6 +1,7 @@
 """Progress on stderr: bars on a terminal, a line now and then elsewhere; where a call asks for it, unless hidden."""
 
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar, overload
@@ -12,6 +13,9 @@ Item = TypeVar("Item")
 
 _SECONDS = 30.0
 """Between two lines of what is no terminal."""
+_PATIENCE = 10.0
+"""Seconds of silence after which it is said what they are spent on."""
+
 _LINE = "{desc}: {n_fmt} of {total_fmt} after {elapsed}, {remaining} left"
 
 _hidden = 0
@@ -48,7 +52,8 @@ def progress_bar(iterable: Any = None, *, shown: bool = True, leave: bool = Fals
     from tqdm import tqdm
 
     if not _draws(sys.stderr):
-        every = {"mininterval": _SECONDS, "maxinterval": _SECONDS, "delay": _SECONDS}
+        # miniters: else what is iterated counts only so often, and tqdm's other thread prints a count that is old
+        every = {"mininterval": _SECONDS, "maxinterval": _SECONDS, "delay": _SECONDS, "miniters": 1}
         settings = every | {"bar_format": _LINE, "file": _Lines(), "position": 0} | settings  # one in another: no moves
     return tqdm(iterable, leave=leave, disable=not shown or _hidden > 0, **settings)
 
@@ -63,6 +68,18 @@ def announce(text: str, shown: bool = True) -> None:
     if shown and _hidden == 0:
         with above_bars():
             print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def told_if_slow(text: str) -> Iterator[None]:
+    """Announce what the block does once it has taken ten seconds: on a quiet machine it takes fewer."""
+    timer = threading.Timer(_PATIENCE, announce, [text])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager

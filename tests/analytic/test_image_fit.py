@@ -16,7 +16,7 @@ from torchbrdf.analytic._image_residuals import ImageResiduals
 from torchbrdf.analytic._least_squares import climb_out, minimise
 from torchbrdf.analytic.catalogue import MODELS
 from torchbrdf.analytic.cell_transport import CellTransport
-from torchbrdf.analytic.image_fit import PIXELS, fit_analytic_to_image
+from torchbrdf.analytic.image_fit import PIXELS, fit_analytic_to_image, image_error
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.analytic.table_fit import AnalyticFit
 from torchbrdf.analytic.variables import FitVariables
@@ -182,6 +182,19 @@ def test_failure_to_converge_is_said(photograph: Tensor, transport: CellTranspor
 def test_bounds_are_said(photograph: Tensor, transport: CellTransport):
     fit = fit_analytic_to_image(100 * photograph, PROBE, VIEW, "lambert", transport=transport)
     assert fit.at_bounds == ("diffuse at its upper bound 1",)
+    (warning,) = fit.warnings
+    assert warning.startswith("a relative error of 96% of the pixels (diffuse at its upper bound 1): lambert cannot")
+
+
+def test_errors_before_and_after_are_in_one_unit(photograph: Tensor, transport: CellTransport):
+    mask = VIEW.mask.clone()
+    mask[:, :, 12:] = False
+    start = AnalyticFit("ggx", NEAR, "l2", 0, True, 0, 0, 0)
+    once = fit_analytic_to_image(photograph, PROBE, VIEW, mask=mask, start=start, transport=transport)
+    assert image_error(once, photograph, transport, mask) == pytest.approx(once.error, abs=1e-6)
+    assert image_error(start, photograph, transport, mask) > 10 * once.error
+    black = replace(start, parameters={name: torch.zeros_like(value) for name, value in start.parameters.items()})
+    assert image_error(black, photograph, transport, mask) == pytest.approx(1, abs=1e-2)
 
 
 @pytest.mark.parametrize("search", [descend, minimise])

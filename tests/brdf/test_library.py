@@ -336,7 +336,7 @@ class TestFromMerl:
         monkeypatch.setattr("torchbrdf.brdf.library_cache._SECONDS", 8.0)
         MaterialLibrary.from_merl(two_files)
         (folder,) = (path.parent for path in fresh_cache.rglob("manifest.json"))
-        expected = f"library of 2 materials: converted once, which takes about 16 s, and kept in {folder}\n"
+        expected = f"library of 2 materials: converted once, which takes about 16 s, and kept, 0.0 GB, in {folder}\n"
         assert capsys.readouterr().err == expected
         MaterialLibrary.from_merl(two_files)
         (two_files / "white.binary").touch()

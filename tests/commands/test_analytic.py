@@ -1,6 +1,7 @@
 """`torchbrdf analytic`: what it prints and writes, and how it fails; `torchbrdf fit --uncertainty`."""
 
 import json
+import re
 import struct
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from materials import lambert
 from torchbrdf.analytic.table_fit import fit_analytic
 from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, above_horizon
 from torchbrdf.cli import main
+from torchbrdf.mitsuba_startup import mitsuba_program
 
 ALBEDO = (0.6, 0.3, 0.1)
 
@@ -92,15 +94,31 @@ def test_another_model_is_said_to_be_another(capsys, tmp_path, brass):
     """Both are printed, with errors in one metric, and the file holds the one that it can."""
     out = tmp_path / "x.mtlx"
     lines, _ = run(capsys, brass, "--model", "lambert", "--metric", "log", "-o", out)
-    lambertian, notice, held = (i for i, line in enumerate(lines) if not line.startswith((" ", "wrote", "caution")))
+    lambertian, notice, held = (i for i, line in enumerate(lines) if not line.startswith((" ", "wrote", "note: ")))
     assert lines[lambertian].startswith("lambert: diffuse ")
     assert lines[lambertian].endswith("% (log)")
     assert lines[notice] == f"materialx has no such model; {out} holds metallic-roughness, fitted to the same table:"
     assert lines[held].startswith("metallic-roughness: base_color 0.9 0.6 0.2, metallic 0.75, roughness 0.3; rel")
     assert lines[held].endswith("% (log)")
-    assert lines[-2].startswith("caution: standard_surface takes the exact F of an index of 1.5")
+    assert lines[-1].startswith("note: standard_surface takes the exact F of an index of 1.5")
     assert "metallic-roughness" in out.read_text()
     assert "lambert" not in out.read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [("x.glb", "metallic-roughness"), ("x.xml", "principled"), ("x.mtlx", "metallic-roughness"), ("x.binary", "ggx")],
+)
+def test_without_a_model_that_of_the_file_is_fitted_alone(capsys, tmp_path, clay, name, model):
+    lines, _ = run(capsys, clay, "--most-evaluations", 2, "-o", tmp_path / name)
+    assert [line.split(":")[0] for line in lines if "relative error" in line] == [model]
+
+
+def test_the_line_that_mitsubas_own_program_needs(capsys, tmp_path, clay):
+    lines, _ = run(capsys, clay, "--most-evaluations", 1, "-o", tmp_path / "x.xml")
+    assert lines[-1] == f"`{mitsuba_program(tmp_path / 'x.xml')}` renders it"
+    lines, _ = run(capsys, clay, "--most-evaluations", 1, "-o", tmp_path / "x.json")
+    assert lines[-1].startswith("wrote ")
 
 
 def test_separate_channels_need_another_fit(capsys, tmp_path, brass):
@@ -211,7 +229,10 @@ def test_options_that_do_not_fit(capsys, tmp_path, clay):
     line = assert_fails(capsys, tmp_path, clay, "--model", "phong", *out)
     assert line.startswith("no analytic model 'phong'; there are lambert, ggx, ")
     line = assert_fails(capsys, tmp_path, clay, "-o", tmp_path / "x.usd")
-    assert line.startswith(f"{tmp_path / 'x.usd'}: no format has the suffix '.usd'; use one of .xml (mitsuba), ")
+    assert line == (
+        f"{tmp_path / 'x.usd'}: no format has the suffix '.usd'; use one of .xml (mitsuba), .json (mitsuba), "
+        ".glb (gltf), .gltf (gltf), .mtlx (materialx, or openpbr with --format openpbr), .binary (binary)"
+    )
     line = assert_fails(capsys, tmp_path, clay, "--format", "mitsuba", *out)
     assert line == f"{tmp_path / 'x.glb'}: a mitsuba file ends in .xml or .json, not in '.glb'"
     line = assert_fails(capsys, tmp_path, clay, "--format", "gltf")
@@ -254,7 +275,8 @@ class TestPhotograph:
     def test_parameters_go_on_from_the_table_on_it(self, capsys, tmp_path, photo, light, table):
         out = tmp_path / "x.glb"
         given = ("--photograph", photo, "--probe", light, "--preview", tmp_path / "x.png", "--most-evaluations", 20)
-        assert main(["analytic", str(table), *map(str, given), "--size", "8", "-o", str(out), "--json"]) == 0
+        words = "analytic", table, "--model", "ggx", *given, "--size", 8, "-o", out, "--json"
+        assert main([*map(str, words)]) == 0
         told = json.loads(capsys.readouterr().out)
         at_table, refined, held_at_table, held = told["fits"]
         assert [one["model"] for one in told["fits"]] == ["ggx", "ggx", "metallic-roughness", "metallic-roughness"]
@@ -264,6 +286,8 @@ class TestPhotograph:
         red, green, blue = refined["parameters"]["diffuse"]
         assert red > 0.3 > 0.1 > green > blue
         assert refined["relative_error"] < 0.1
+        assert at_table["relative_error_before"] is None
+        assert refined["relative_error_before"] > 0.3
         (material,) = json.loads(glb_text(out))["materials"]
         written = material["pbrMetallicRoughness"]["baseColorFactor"][:3]
         assert written == pytest.approx(held["parameters"]["base_color"], rel=1e-5)
@@ -273,12 +297,14 @@ class TestPhotograph:
     def test_says_which_is_which(self, capsys, tmp_path, photo, light, table):
         preview = tmp_path / "x.png"
         given = ("--photograph", photo, "--probe", light, "--preview", preview, "--size", 8)
-        lines, _ = run(capsys, table, "--model", "lambert", *given)
+        lines, warned = run(capsys, table, "--model", "lambert", *given)
         assert lines[0].startswith(f"photograph {photo}: circle at ")
         first, notice, second = (i for i, line in enumerate(lines) if line.startswith(("lambert", "refined")))
         assert lines[first].endswith("% (cube-root)")
-        assert lines[notice] == f"refined from there on {photo}:"
-        assert lines[second].endswith("% (pixels)")
+        before, after = (float(re.search(r"([\d.]+)% \(pixels\)", lines[i])[1]) for i in (notice, second))
+        assert lines[notice] == f"refined from there on {photo}, where its relative error is {before:.2f}% (pixels):"
+        assert after < 5 < 20 < before
+        assert not any("of the pixels" in line for line in warned)
         assert lines[-1] == f"wrote {preview}: from left to right gold, lambert, lambert refined"
 
     @pytest.mark.parametrize(

@@ -84,6 +84,7 @@ def test_sound_installation_in_a_process_that_never_imports_mitsuba(tmp_path):
     lines = done.stdout.splitlines()
     assert lines[-3:] == ["no problems found", "0", "False"], done.stdout + done.stderr
     assert line(lines, "used") == "llvm_ad_rgb"
+    assert line(lines, "its program") == f"{LLVM_VARIABLE}={packaged_llvm()} mitsuba SCENE.xml"
     assert "from the package karellen-llvm-core" in line(lines, "LLVM")
     assert not (tmp_path / "kernels").exists(), "the test render left kernels"
 

@@ -15,7 +15,7 @@ from torchbrdf.cli import main
 from torchbrdf.commands import Findings
 from torchbrdf.progress import progress_bar
 
-EVERYWHERE = ("command", "version", "status", "error", "warnings", "files")
+EVERYWHERE = ("command", "version", "status", "error", "warnings", "notes", "files")
 
 
 def document(capsys: pytest.CaptureFixture[str], *words: object, status: int = 0) -> dict:

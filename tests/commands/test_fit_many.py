@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import warnings
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from picture_files import write_exr
 from torchbrdf.cli import main, parser
 from torchbrdf.commands import _batch
 from torchbrdf.commands._photographs import photographs
+from torchbrdf.report import Doubt
 
 SIZE = 16
 FILES = {"brdf.binary", "fitted.exr", "weights.json"}
@@ -147,6 +150,10 @@ class TestRefusals:
         line = fails(capsys, "fit", tmp_path / "empty", "--probe", "default", "-o", tmp_path / "out")
         assert f"{tmp_path / 'empty'}: holds no photographs" in line
 
+    def test_photographs_in_subfolders_alone(self, capsys: pytest.CaptureFixture[str], photos: Path, tmp_path: Path):
+        line = fails(capsys, "fit", photos.parent, "--probe", "default", "-o", tmp_path / "out")
+        assert line.endswith(f"; subfolders are not read: name them, {photos} for one")
+
     @pytest.mark.parametrize(("photographs_given", "probes"), [(1, 2), (3, 2)])
     def test_neither_one_probe_nor_one_each(
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path, photographs_given: int, probes: int
@@ -158,6 +165,24 @@ class TestRefusals:
     def test_a_probe_for_each_of_a_folder(self, capsys: pytest.CaptureFixture[str], photos: Path, tmp_path: Path):
         line = fails(capsys, "fit", photos, *["--probe", "default"] * 3, "-o", tmp_path / "out")
         assert "name the photographs in the same order" in line
+
+
+def test_subfolders_are_not_read(photos: Path):
+    """And that is said where they hold pictures that are not those of results."""
+    given = Namespace(photos=[photos], probes=["default"], allow_ldr=False, encoding=None)
+    for name in ("result", "notes", ".hidden"):
+        (photos / name).mkdir()
+    (photos / "notes" / "light.txt").touch()
+    for name in ("result/fitted.exr", "result/brdf.binary", ".hidden/x.exr"):
+        (photos / name).touch()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = photographs(given)
+    (photos / "more").mkdir()
+    shutil.copy(photos / "paint.exr", photos / "more")
+    said = f"{photos}: subfolders are not read, and 1 of them hold pictures; name {photos / 'more'}, too"
+    with pytest.warns(UserWarning, match=re.escape(said)):
+        assert photographs(given) == found
 
 
 def test_a_bad_file_stops_no_other(fit: Fit, photos: Path, probe: Path, tmp_path: Path):
@@ -368,11 +393,11 @@ class TestWithoutReport:
 
 @pytest.fixture
 def reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages that hold their title, all with one doubt: the whole report takes longer than all the rest."""
+    """Pages that hold their title, all with one doubt and a note: the whole report takes longer than all the rest."""
 
-    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> list[str]:
+    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> list[Doubt]:
         path.write_text(settings["title"])
-        return ["The weights oscillate."]
+        return [Doubt("oscillation", "The weights oscillate."), Doubt("clamped", "3% came out negative.")]
 
     monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
 
@@ -381,20 +406,25 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> None:
 class TestReports:
     def test_each_has_its_own_and_its_warnings(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
         given = [photos / "paint.exr", photos / "satin.exr"]
-        status, _, errors = fit(*given, "--probe", probe, "--report")
-        assert (status, errors) == (0, [f"torchbrdf: warning: {path}: The weights oscillate." for path in given])
+        notes = [f"{path}: 3% came out negative." for path in given]
+        for _ in ("made", "finished before"):
+            status, lines, errors = fit(*given, "--probe", probe, "--report")
+            assert (status, errors) == (0, [f"torchbrdf: warning: {path}: The weights oscillate." for path in given])
+            assert lines[-2:] == [f"note: {text}" for text in notes]
         for path in given:
             folder = tmp_path / "out" / path.stem
             assert names(folder) == FILES | {"report.html"}
             assert (folder / "report.html").read_text() == path.name
             record = json.loads((folder / "weights.json").read_text())
             assert record["warnings"] == [f"{path}: The weights oscillate."]
+            assert record["notes"] == [f"{path}: 3% came out negative."]
 
     def test_one_for_each_photograph_of_a_material(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
         """What is said of both is said once."""
         given = [photos / "paint.exr", photos / "satin.exr"]
-        _, _, errors = fit(*given, "--same-material", "--probe", probe, "--report")
+        _, lines, errors = fit(*given, "--same-material", "--probe", probe, "--report")
         assert [line for line in errors if "oscillate" in line] == ["torchbrdf: warning: The weights oscillate."]
+        assert [line for line in lines if "negative" in line] == ["note: 3% came out negative."]
         out = tmp_path / "out"
         assert {path.stem: path.read_text() for path in out.glob("*.html")} == {
             "report_paint": "paint.exr", "report_satin": "satin.exr"

@@ -17,8 +17,10 @@ from picture_files import window, write_exr
 from torchbrdf.cli import main
 from torchbrdf.commands._capture import doubts_of_sight
 from torchbrdf.photograph import Circle
+from torchbrdf.report import Doubt
 
 SIZE = 16
+UNEXPLAINED = Doubt("unexplained", "The fit leaves 89% unexplained.")
 
 
 @pytest.fixture
@@ -30,11 +32,11 @@ def photo(tmp_path: Path, photographs: dict[str, Tensor]) -> Path:
 
 
 @pytest.fixture
-def reports(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The warnings of reports that are not made: the whole report takes longer than all the rest."""
-    said: list[str] = []
+def reports(monkeypatch: pytest.MonkeyPatch) -> list[Doubt]:
+    """The doubts of reports that are not made: the whole report takes longer than all the rest."""
+    said: list[Doubt] = []
 
-    def write(path: Path, *_: object, **__: object) -> list[str]:
+    def write(path: Path, *_: object, **__: object) -> list[Doubt]:
         path.write_text("")
         return said
 
@@ -117,7 +119,7 @@ def test_a_name_to_leave_out_that_the_library_lacks(fit, photo):
 
 
 def test_every_warning_of_the_report_is_said(fit, photo, reports):
-    reports += ["The fit leaves 89% unexplained.", "The weights\noscillate."]
+    reports += [UNEXPLAINED, Doubt("oscillation", "The weights\noscillate.")]
     status, _, errors = fit(photo, "--mask", photo.parent / "mask.png")
     assert status == 0
     assert errors == [
@@ -127,12 +129,36 @@ def test_every_warning_of_the_report_is_said(fit, photo, reports):
 
 
 def test_strict_makes_a_status_of_warnings(fit, photo, reports):
-    reports += ["The fit leaves 89% unexplained."]
+    reports += [UNEXPLAINED]
     status, lines, errors = fit(photo, "--mask", photo.parent / "mask.png", "--strict")
     assert status == 3
     assert errors[-1] == "torchbrdf: 1 warning with --strict; what was written stays"
     assert lines[-1].startswith("wrote ")
     assert (photo.parent / "out" / "brdf.binary").exists()
+
+
+def test_what_a_good_result_may_have_is_a_note(fit, photo, reports):
+    """At the end, and nothing to --strict, nor to those who want warnings alone."""
+    reports += [Doubt("class", "The photograph does not tell the class."), Doubt("clamped", "3% came out negative.")]
+    mask = ("--mask", photo.parent / "mask.png", "--strict")
+    status, lines, errors = fit(photo, *mask)
+    assert (status, errors) == (0, [])
+    assert lines[-3].startswith("wrote ")
+    assert lines[-2:] == ["note: The photograph does not tell the class.", "note: 3% came out negative."]
+    assert fit(photo, *mask, "--quiet") == (0, [], [])
+    document = json.loads("\n".join(fit(photo, *mask, "--json")[1]))
+    assert (document["warnings"], document["notes"]) == ([], [str(one) for one in reports])
+    assert document["photographs"][0]["notes"] == document["notes"]
+
+
+@pytest.mark.usefixtures("reports")
+def test_what_takes_long_is_said(fit, photo, monkeypatch):
+    """Each stage as soon as it took too long; here every one does."""
+    monkeypatch.setattr("torchbrdf.progress._PATIENCE", 0.0)
+    monkeypatch.setattr("torchbrdf.progress.print", lambda text, **_: said.append(text), raising=False)
+    said: list[str] = []
+    fit(photo, "--mask", photo.parent / "mask.png")
+    assert [text.split()[0] for text in said] == ["reading", "explaining", "making"]
 
 
 @pytest.mark.usefixtures("reports")
@@ -179,7 +205,7 @@ class TestForScripts:
         return run
 
     def test_what_was_found(self, told, photo, reports, tmp_path):
-        reports += ["The weights oscillate."]
+        reports += [Doubt("oscillation", "The weights oscillate.")]
         status, document, errors = told()
         (found,) = document["photographs"]
         record = json.loads((tmp_path / "out" / "weights.json").read_text())
@@ -218,7 +244,7 @@ class TestForScripts:
         assert not (tmp_path / "out").exists()
 
     def test_quiet_says_warnings_alone(self, fit, photo, reports):
-        reports += ["The weights oscillate."]
+        reports += [Doubt("oscillation", "The weights oscillate.")]
         mask = photo.parent / "mask.png"
         assert fit(photo, "--mask", mask, "--quiet") == (0, [], ["torchbrdf: warning: The weights oscillate."])
 
@@ -248,7 +274,7 @@ def test_an_output_that_is_called_as_a_file(capsys, photo, name: str):
 def test_what_is_known_of_the_capture_is_said_once_and_given_to_the_report(fit, photo, monkeypatch):
     known = []
 
-    def write(path: Path, *_: object, **given: object) -> list[str]:
+    def write(path: Path, *_: object, **given: object) -> list[Doubt]:
         path.write_text("")
         known.extend(given["known"])
         return []

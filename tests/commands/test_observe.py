@@ -8,6 +8,7 @@ import pytest
 import torchbrdf as tb
 from torchbrdf.cli import main
 from torchbrdf.commands import _suggestions
+from torchbrdf.transport import sampled_basis
 
 
 def observe(library: Path, *more: object) -> int:
@@ -19,6 +20,21 @@ def test_says_what_to_expect_in_one_line(merl_directory, capsys):
     (line,) = capsys.readouterr().out.splitlines()
     assert "gloss from albedo" in line
     assert " % under other light (dull " in line
+
+
+def test_what_is_for_the_rehearsal_alone_takes_few_samples(merl_directory, monkeypatch):
+    """Where the library's transport is not prepared: seven lights took a minute and a half."""
+    asked = []
+
+    def render(
+        library: tb.MaterialLibrary, probe: tb.LightProbe, view: tb.View, samples: int | None = None, **_: object
+    ) -> tb.BasisImages:
+        asked.append(samples)
+        return sampled_basis(library, probe, view, 64)
+
+    monkeypatch.setattr("torchbrdf.rendering.render_basis", render)
+    assert observe(merl_directory) == 0
+    assert asked == [None, *[512] * 6]
 
 
 def test_json_with_suggestions(merl_directory, tmp_path, capsys, monkeypatch):

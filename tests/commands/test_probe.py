@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from failures import fails
 from mirror_balls import BALL, photographed, room, scene, texels
 from torchbrdf import LightProbe, write_image
 from torchbrdf.cli import main
@@ -44,6 +45,19 @@ def test_a_photograph_becomes_a_probe(capsys, chrome, tmp_path):
     assert float(((probe.radiance - expected).abs() * probe.solid_angles).sum() / probe.solid_angles.sum()) < 0.03
     assert probe.reading == "rows from pole to pole, as the file says"
     assert "degrees off the axis" in read_metadata(tmp_path / "probe.exr")["mirrorBall"]
+
+
+def test_the_photograph_of_a_probe_is_no_photograph_of_a_material(capsys, chrome, tmp_path):
+    """It explains itself, as something that reflects all light."""
+    given = ("--fov", 30, "--circle", *CIRCLE)
+    probe, out = tmp_path / "probe.exr", tmp_path / "out"
+    assert run(capsys, chrome, *given, "--rows", 64, "--mirror-reflectance", 1, "-o", probe)[0] == 0
+    line = fails(capsys, "fit", chrome, "--probe", probe, *given, "-o", out)
+    assert line == (
+        f"torchbrdf: error: {chrome}: this is the very photograph that the probe {probe} was made from, and it shows "
+        "the mirror ball; give that of the ball of the material"
+    )
+    assert not out.exists()
 
 
 def test_without_a_reflectance_there_is_a_warning(capsys, chrome, tmp_path):
@@ -147,7 +161,7 @@ def test_a_photograph_white_all_over(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ((), "a ball is unwrapped for its camera: give --fov DEG, or --focal-mm MM with --sensor-mm MM"),
+        ((), "the camera's field of view is needed, and the file does not tell it: give --fov DEG, across the width"),
         (("--fov", 30, "--metal", "Al", "--mirror-reflectance", 0.9), "--metal and --mirror-reflectance say the same"),
         (("--fov", 30, "--metal", "Chrome"), "no metal 'Chrome' in Mitsuba's data; did you mean Cr?"),
         (("--fov", 30, "--mirror-reflectance", 60), "must be one or three numbers above 0 and at most 1, got 60"),

@@ -134,7 +134,10 @@ def test_uniform_light_cannot_tell_gloss_from_albedo_and_a_room_can(materials, p
 
 @pytest.mark.parametrize(
     ("highlight", "start"),
-    [(0.1, "cannot tell"), (CANNOT, "hardly tells"), (0.44, "hardly tells"), (HARDLY, "tells"), (0.9, "tells")],
+    [
+        (0.1, "cannot tell"), (CANNOT, "hardly tells"), (0.39, "hardly tells"), (0.44, "partly tells"),
+        (HARDLY, "partly tells"), (0.49, "partly tells"), (0.51, "tells"), (0.9, "tells"),
+    ],
 )
 def test_verdicts(packed, classes, highlight, start):
     found = observability(bank_of(packed["room"], classes), classes)
@@ -142,6 +145,13 @@ def test_verdicts(packed, classes, highlight, start):
     assert line.startswith(f"{start} gloss from albedo: removes {highlight:.0%} of what is open about the highlight")
     assert "\n" not in line
     assert f"about {found.whole:.0f} numbers a channel stand out of 1.0% noise" in line
+
+
+def test_what_one_side_does_not_show_is_a_guess_from_there_alone(packed, classes):
+    """A second photograph, with the camera gone round, may show it."""
+    found = observability(bank_of(packed["room"], classes), classes)
+    said = replace(found, seen=torch.zeros(18, 18)).verdict
+    assert "no light from behind the object: grazing reflection will be a guess from this side alone; removes" in said
 
 
 def test_shadow_is_said(packed, classes):

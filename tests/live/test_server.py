@@ -393,6 +393,12 @@ def test_inputs_that_do_not_belong_together(capsys, monkeypatch, arguments, mess
     assert capsys.readouterr().err == f"torchbrdf: error: {message}\n"
 
 
+def test_a_table_is_no_photograph(capsys, tmp_path):
+    for path in (tmp_path, tmp_path / "brass.binary"):
+        assert main(["live", str(path)]) == 2
+        assert capsys.readouterr().err.startswith(f"torchbrdf: error: {path}: live takes a photograph, with")
+
+
 PIXELS = """index => {
   const canvas = document.querySelector(`canvas[data-picture="${index}"]`);
   return Array.from(canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data);

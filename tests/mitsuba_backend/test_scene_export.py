@@ -17,6 +17,7 @@ from materials import TINY_MATERIALS
 from paths import ROOT
 from torchbrdf import Camera, MeshView
 from torchbrdf.cli import main
+from torchbrdf.images import exposure_for, read_picture
 from torchbrdf.images.difference import relative_rms
 from torchbrdf.mitsuba_backend.merl_plugin import register_merl
 from torchbrdf.mitsuba_backend.scene_export import export_scene, scene_xml
@@ -113,7 +114,11 @@ def test_render_script(mi, table, probe, tmp_path):
     command = [sys.executable, str(folder / "render.py"), "--samples", "32", "--seed", "2"]
     done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    assert "image.exr" in done.stdout
+    image = tb.read_image(folder / "image.exr")
+    exposure = exposure_for(image, image.amax(0, keepdim=True) > 0)
+    assert done.stdout == f"wrote {folder / 'image.exr'}, and image.png, radiance times {exposure:.3g}\n"
+    shown = read_picture(folder / "image.png", True).image.amax(0)
+    assert 0.005 < float((shown == 1).sum() / (shown > 0).sum()) < 0.03, "a hundredth is white"
     scene = mi.load_file(str(folder / "scene.xml"))
     expected = torch.from_numpy(np.array(mi.render(scene, spp=32, seed=2))).permute(2, 0, 1)
     torch.testing.assert_close(tb.read_image(folder / "image.exr"), expected, rtol=1e-4, atol=1e-5)

@@ -92,6 +92,24 @@ except ImportError as error:
 
 
 @needs_mitsuba
+@pytest.mark.parametrize(
+    ("packaged", "named", "line"),
+    [
+        ("/env/lib/libLLVM.so", None, "DRJIT_LIBLLVM_PATH=/env/lib/libLLVM.so mitsuba 'my scene.xml'"),
+        ("/env/lib/libLLVM.so", "/env/lib/libLLVM.so", "DRJIT_LIBLLVM_PATH=/env/lib/libLLVM.so mitsuba 'my scene.xml'"),
+        ("/env/lib/libLLVM.so", "/usr/lib/libLLVM.so", "mitsuba 'my scene.xml'"),
+        (None, None, "mitsuba -m scalar_rgb 'my scene.xml'"),
+    ],
+)
+def test_the_line_for_mitsubas_own_program(monkeypatch, packaged, named, line):
+    """With the LLVM of the package, which may have been named for this process alone; not with the system's."""
+    monkeypatch.setattr(startup, "packaged_llvm", lambda: packaged and Path(packaged))
+    monkeypatch.delenv(startup.LLVM_VARIABLE, raising=False)
+    if named is not None:
+        monkeypatch.setenv(startup.LLVM_VARIABLE, named)
+    assert startup.mitsuba_program(Path("my scene.xml")) == line
+
+
 @needs_package
 def test_drjit_loaded_first_keeps_its_llvm(tmp_path):
     """The variable would come too late, and would be blamed for what Dr.Jit found itself."""

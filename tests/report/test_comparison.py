@@ -111,7 +111,7 @@ def test_the_albedo_of_equal_tables_that_do_not_differ():
     white = MerlTable.from_function(lambert(0.8, 0.8, 0.74), "white")
     found = compared([white, white])
     assert found.albedo[1].tolist() == pytest.approx([0.78] * 4, rel=2e-3)
-    assert found.cautions == []
+    assert found.warnings == []
     (difference,) = found.differences
     assert [*difference.cells.values(), difference.picture] == [0] * 4
     assert [difference.delta_e_mean, difference.delta_e_95] == pytest.approx([0, 0], abs=1e-12)
@@ -200,21 +200,21 @@ def test_what_a_reader_should_know_stands_first(tables, tmp_path, capsys):
     paths = [str(tmp_path / f"{table.name}.binary") for table in (good, holes, black, bright)]
     out = tmp_path / "page.html"
     assert main(["compare", *paths, *SMALL, "-o", str(out)]) == 0
-    printed = capsys.readouterr().out
+    printed, said = capsys.readouterr()
     text = out.read_text(encoding="utf-8")
     assert "nan" not in re.sub(r"base64,[^\"]*|<script.*?</script>", "", text, flags=re.DOTALL).lower()
     share = float((~valid & good.valid).sum() / good.valid.sum())
-    cautions = [
+    warned = [
         f"holes: {share:.1%} of its cells above the horizon were not measured; the pictures show their nearest "
         "measured neighbours there.",
         "black: 0 in every measured cell.",
         f"holes: the differences over cells count the {1 - share:.1%} of the cells that were measured in both.",
     ]
-    for caution in cautions:
-        assert f"caution: {caution}\n" in printed
-        assert f"<li>{caution}</li>" in text
-    assert re.search(r"caution: bright: reflects [\d.]+ times the light that comes in at \d+°\.", printed)
-    assert "caution: plastic: " not in printed
+    for warning in warned:
+        assert f"torchbrdf: warning: {warning}\n" in said
+        assert f"<li>{warning}</li>" in text
+    assert re.search(r"warning: bright: reflects [\d.]+ times the light that comes in at \d+°\.", said)
+    assert "warning: plastic: " not in said
     assert "holes from plastic: l2 0.00%, log 0.00%, cube-root 0.00%; picture " in printed
     assert "black from plastic: l2 100.00%, log 100.00%, cube-root 100.00%; picture 100.00%" in printed
     assert "bright from plastic: l2 1900.00%" in printed

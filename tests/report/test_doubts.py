@@ -8,7 +8,7 @@ from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
-from torchbrdf.report.doubts import clamped_share, doubts_of_result
+from torchbrdf.report.doubts import clamped_share, doubts_of_result, doubts_without_pictures
 from torchbrdf.report.evidence import Subject, gather
 from torchbrdf.view.sphere import SphereView
 
@@ -20,10 +20,11 @@ def test_without_a_report_they_are_those_of_the_report(tiny_library, penalty):
     basis = render_basis(tiny_library, probe, view, samples=64)
     photograph = 60 * torch.rand(3, 12, 12, generator=torch.Generator().manual_seed(0)) * view.mask
     result = BRDFEstimator(basis, MaterialClasses.fit(tiny_library, n_classes=2, n_dims=2), penalty)(photograph)
-    expected = gather(Subject(photograph, view.mask, result, basis, tiny_library, probe, view), 8, 8).warnings
-    found = doubts_of_result(result, basis, result.brdf(tiny_library))
+    expected = gather(Subject(photograph, view.mask, result, basis, tiny_library, probe, view), 8, 8).found_doubts
+    found = doubts_without_pictures(result, basis, result.brdf(tiny_library))
     assert len(found) > 1
-    assert found == [text for text in expected if not text.startswith("Under another light")]
+    assert found == [doubt for doubt in expected if doubt.topic != "uncertain"]
+    assert doubts_of_result(result, basis, result.brdf(tiny_library)) == [str(doubt) for doubt in found]
 
 
 def test_few_pixels_are_a_doubt(tiny_library):

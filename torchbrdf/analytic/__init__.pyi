@@ -6,6 +6,7 @@ from .cell_transport import CellTransport as CellTransport
 from .image_fit import (
     Method as Method,
     fit_analytic_to_image as fit_analytic_to_image,
+    image_error as image_error,
 )
 from .model import (
     AnalyticModel as AnalyticModel,

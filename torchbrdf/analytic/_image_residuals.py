@@ -5,11 +5,13 @@
 over pixels and channels, of a rendering Y and a photograph y: highlights count, and do not count for everything.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 
@@ -46,6 +48,10 @@ class ImageResiduals:
     def of(self, f_r: Tensor) -> Tensor:
         """(Q, 3) of f_r (M, 3)."""
         return self.roots * (self.transport.render(f_r)[self.pixels] - self.target)
+
+    def error(self, model: str, parameters: Mapping[str, Tensor]) -> float:
+        """The root of the sum of their squares for parameters of a model, by its name."""
+        return float(torch.linalg.vector_norm(self.of(model_of(model).evaluate(parameters, self.geometry))))
 
     def along(self, f_r: Tensor, tangents: Tensor) -> Tensor:
         """(S, Q, 3): derivatives along tangents (S, M, 3)."""

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchbrdf.analytic._gradient_descent import descend
 from torchbrdf.analytic._image_residuals import ImageResiduals
-from torchbrdf.analytic._least_squares import climb_out, minimise
+from torchbrdf.analytic._least_squares import Minimum, climb_out, minimise
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.settings import MOST_ON_A_PHOTOGRAPH
@@ -24,6 +24,9 @@ from torchbrdf.view import View
 
 PIXELS = "pixels"
 """The metric of these fits: relative difference of the pixels."""
+
+POOR_PICTURE = 0.2
+"""Relative error of the pixels above which a fit warns: `principled` has 0.18 of a golden car paint under Uffizi."""
 
 Method = Literal["adam", "least-squares"]
 MOST_EVALUATIONS = {"adam": 600, "least-squares": MOST_ON_A_PHOTOGRAPH}
@@ -78,8 +81,7 @@ def fit_analytic_to_image(
         if first < most:
             ends[0] = climb_out(variables, ends[0], residuals, most)
     best = ends[0]
-    advice = "raise --most-evaluations (most_evaluations in Python)"
-    warnings = () if best.converged else (f"not converged after {most} evaluations; {advice}",)
+    at_bounds = variables.at_bounds(best.x)
     return AnalyticFit(
         model=model,
         parameters=variables.parameters(torch.from_numpy(best.x)),
@@ -89,10 +91,30 @@ def fit_analytic_to_image(
         iterations=best.iterations,
         evaluations=sum(end.evaluations for end in ends),
         seconds=time.perf_counter() - began,
-        at_bounds=variables.at_bounds(best.x),
-        warnings=warnings,
+        at_bounds=at_bounds,
+        warnings=_warnings(best, most, model, at_bounds),
         name="photograph",
         history=best.history,
+    )
+
+
+def image_error(fit: AnalyticFit, image: Tensor, transport: CellTransport, mask: Tensor | None = None) -> float:
+    """Relative difference of the pixels of a fit from a photograph's, whatever it was fitted to."""
+    return ImageResiduals.of_image(image, transport, mask).error(fit.model, fit.parameters)
+
+
+def _warnings(best: Minimum, most: int, model: str, at_bounds: tuple[str, ...]) -> tuple[str, ...]:
+    """What to know of the end of a search: of one that was not over, no more than that."""
+    if not best.converged:
+        advice = "raise --most-evaluations (most_evaluations in Python)"
+        return (f"not converged after {most} evaluations; {advice}",)
+    error = best.loss**0.5
+    if error <= POOR_PICTURE:
+        return ()
+    bounds = f" ({', '.join(at_bounds)})" if at_bounds else ""
+    return (
+        f"a relative error of {error:.0%} of the pixels{bounds}: {model} cannot look like this photograph, or the "
+        "light, its scale or the outline of the shape is wrong",
     )
 
 

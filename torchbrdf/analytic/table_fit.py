@@ -243,12 +243,7 @@ def most_alike(fits: Sequence[AnalyticFit], table: MerlTable) -> AnalyticFit:
     transport = _judge()
     shown = transport.render(transport.values(table))
     residuals = ImageResiduals.of_image(transport.view.unpack(shown.T), transport)
-
-    def loss(fit: AnalyticFit) -> float:
-        f_r = model_of(fit.model).evaluate(fit.parameters, transport.geometry)
-        return float(residuals.of(f_r).square().sum())
-
-    return min(fits, key=loss)
+    return min(fits, key=lambda fit: residuals.error(fit.model, fit.parameters))
 
 
 @lru_cache(maxsize=1)

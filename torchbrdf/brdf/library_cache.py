@@ -172,14 +172,14 @@ def _complete(folder: Path, manifest: dict[str, Any], stamps: tuple[str, ...]) -
 def _build_folder(
     source: ColumnSource, stamps: tuple[str, ...], folder: Path, progress: bool, known: Sequence[StoredColumns]
 ) -> None:
-    stamp = source.stamp
-    check_room(folder.parent, 1.05 * 2 * N_CELLS * 3 * len(source.names), "the library cache")
+    stamp, size = source.stamp, 2 * N_CELLS * 3 * len(source.names)
+    check_room(folder.parent, 1.05 * size, "the library cache")
     with replacing_folder(folder, OTHER_DISK) as temporary:
         build = Build(source, stamps, known)
         seconds = _SECONDS * len(build.fresh)
         announce(
-            f"library of {len(source.names)} materials: converted once, which takes about {seconds:.0f} s, and kept in "
-            f"{folder}",
+            f"library of {len(source.names)} materials: converted once, which takes about {seconds:.0f} s, and kept, "
+            f"{size / 1e9:.1f} GB, in {folder}",
             shown=progress and seconds >= _LONG,
         )
         with open(temporary / "columns.f16", "wb") as file, ThreadPoolExecutor(1) as writer:

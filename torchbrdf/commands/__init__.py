@@ -16,7 +16,7 @@ from types import ModuleType
 
 from torchbrdf._version import __version__
 from torchbrdf.command_line import Parser
-from torchbrdf.commands._findings import Findings as Findings
+from torchbrdf.commands._findings import Findings as Findings, Note as Note
 
 NAME = "torchbrdf"
 """Of the program."""

@@ -51,15 +51,16 @@ class Fits:
         self._add(fit, None)
         if self._refinement is None:
             return fit
+        path, before = self._refinement.path, self._refinement.error(fit)
+        self._findings.line(f"refined from there on {path}, where its relative error is {before:.2%} (pixels):", True)
         refined = self._refinement.refined(fit, self._most)
-        self._findings.line(f"refined from there on {self._refinement.path}:")
-        self._add(refined, self._refinement.path)
+        self._add(refined, path, before)
         return refined
 
-    def _add(self, fit: AnalyticFit, photograph: Path | None) -> None:
+    def _add(self, fit: AnalyticFit, photograph: Path | None, before: float | None = None) -> None:
         _tell(fit, self._findings)
         self.all.append(fit)
-        self.records.append(_record(fit) | {"photograph": photograph})
+        self.records.append(_record(fit) | {"photograph": photograph, "relative_error_before": before})
         self.labels.append(fit.model if photograph is None else f"{fit.model} refined")
 
 

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from torchbrdf.command_line import BAD_INPUT, RESUMABLE, fail, in_words
 from torchbrdf.commands._findings import Findings
-from torchbrdf.commands._finished import lock_of, origin, record, warnings_of
+from torchbrdf.commands._finished import lock_of, origin, record, said_before
 from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
 from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
@@ -20,13 +20,13 @@ from torchbrdf.commands._results import (
     failure,
     obsolete,
     products,
-    warn_of_doubts,
+    say_doubts_of,
     write_table,
     write_views,
     write_weights,
     written,
 )
-from torchbrdf.commands._said import about, said_of, say
+from torchbrdf.commands._said import Said, in_record, said_of, say
 from torchbrdf.files import writing_folder
 from torchbrdf.images import read_mask
 from torchbrdf.progress import progress_bar
@@ -37,12 +37,12 @@ _TOGETHER = 8
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A photograph that was read, what its results will be made from, and the warnings so far."""
+    """A photograph that was read, what its results will be made from, and what was said of it so far."""
 
     photograph: Photograph
     lit: LitSight
     made_from: dict[str, Any]
-    said: list[str]
+    said: list[Said]
 
 
 def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph], findings: Findings) -> int:
@@ -111,7 +111,7 @@ class _Batch:
                 made_from = origin(own, library)
                 if self._is_finished(one, made_from):
                     continue
-                said: list[str] = []
+                said: list[Said] = []
                 with said_of(one.path, said):
                     lit = lit_sight(own, self._inputs)
                 seen.append(_Seen(one, lit, made_from, said))
@@ -121,7 +121,7 @@ class _Batch:
         self._explain(seen)
 
     def _is_finished(self, one: Photograph, made_from: dict[str, Any]) -> bool:
-        said = None if self._options.overwrite else warnings_of(self._options.output / one.name, made_from)
+        said = None if self._options.overwrite else said_before(self._options.output / one.name, made_from)
         if said is None:
             return False
         say(said)
@@ -129,11 +129,11 @@ class _Batch:
         self._done_with(one, said)
         return True
 
-    def _done_with(self, one: Photograph, said: Sequence[str], fitted: Fit | None = None) -> None:
+    def _done_with(self, one: Photograph, said: Sequence[Said], fitted: Fit | None = None) -> None:
         """Results are there: tell of them."""
         folder, files = self._options.output / one.name, products(self._options)
         if self._options.json:
-            self.told[one] = written(one.path, folder, files, said, fitted)
+            self.told[one] = written(one.path, folder, files, in_record(said), fitted)
         if fitted is not None:
             self._findings.add_files(*(folder / file for file in files))
         self._advance()
@@ -172,7 +172,7 @@ class _Batch:
 
         if self._options.no_report:
             with said_of(one.photograph.path, one.said):
-                warn_of_doubts(fitted)
+                say_doubts_of(fitted)
             self._writer.submit(lambda: self._write(one, fitted, nullcontext()), done)
         else:
             self._write(one, fitted, said_of(one.photograph.path, one.said))
@@ -194,7 +194,7 @@ class _Batch:
         try:
             yield
         except (ValueError, OSError) as error:
-            self.failures[photograph] = about(photograph.path, in_words(error))
+            self.failures[photograph] = Said(in_words(error)).about(photograph.path).text
             self.told[photograph] = failure(photograph.path, self.failures[photograph])
             self._advance()
 

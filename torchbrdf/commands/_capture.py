@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+import hashlib
 from pathlib import Path
 
-from torchbrdf.commands._said import say
 from torchbrdf.commands._sight import Sight
 from torchbrdf.images import Window, read_metadata
 from torchbrdf.light import LightProbe, clipped_share
@@ -16,6 +15,9 @@ from torchbrdf.report import Doubt
 FOV_KEY = "mirrorBallFov"
 """The attribute of a probe that `torchbrdf probe` wrote which holds its camera's field of view, in degrees."""
 
+MIRROR_KEY = "mirrorBallPhotographs"
+"""The attribute with the `fingerprint_of` each photograph that it was made from, a space between them."""
+
 _CROPPED = 0.02
 """Of the radius: how far a ball's circle may be from the largest that a picture holds, which is cut to it."""
 
@@ -24,7 +26,9 @@ def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = F
     """What is doubtful of `options.photo`, under `options.probe`: its unit, its camera.
 
     exposed  an alignment looks for its exposure
+    Raises ValueError where the probe was made from that very photograph.
     """
+    _refuse_the_mirror(options)
     found = []
     if sight.photograph.full is not None and not exposed:
         found.append(
@@ -36,7 +40,7 @@ def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = F
             )
         )
     if isinstance(sight.silhouette, Circle):
-        fov = _fov_of(options.probe)
+        fov = _attribute_of(options.probe, FOV_KEY)
         if fov is not None or not _cut_to(sight.silhouette, sight.photograph.size):
             same = "" if fov is None else f"; the camera of its probe has one of {fov} degrees, --fov {fov}"
             found.append(
@@ -48,6 +52,12 @@ def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = F
                 )
             )
     return found
+
+
+def fingerprint_of(photograph: Path) -> str:
+    """sha256 of a file."""
+    with open(photograph, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
@@ -68,15 +78,19 @@ def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
     return []
 
 
-def say_doubts(doubts: Iterable[Doubt]) -> None:
-    """Warn of each."""
-    say(doubt.text for doubt in doubts)
+def _refuse_the_mirror(options: argparse.Namespace) -> None:
+    known = _attribute_of(options.probe, MIRROR_KEY)
+    if known is not None and fingerprint_of(options.photo) in known.split():
+        raise ValueError(
+            f"{options.photo}: this is the very photograph that the probe {options.probe} was made from, and it shows "
+            "the mirror ball; give that of the ball of the material"
+        )
 
 
-def _fov_of(probe: str) -> str | None:
-    """The field of view of the camera that photographed a probe's mirror ball, where its file says."""
+def _attribute_of(probe: str, key: str) -> str | None:
+    """What the file of a probe that `torchbrdf probe` wrote says of its mirror ball; None of others."""
     path = Path(probe)
-    return read_metadata(path).get(FOV_KEY) if path.suffix.lower() == ".exr" and path.is_file() else None
+    return read_metadata(path).get(key) if path.suffix.lower() == ".exr" and path.is_file() else None
 
 
 def _cut_to(circle: Circle, size: tuple[int, int]) -> bool:

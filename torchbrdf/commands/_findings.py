@@ -13,10 +13,14 @@ from torchbrdf._version import __version__
 from torchbrdf.progress import above_bars, no_progress
 
 
+class Note(UserWarning):
+    """What is worth knowing of a result that is no worse for it: a line on standard output, nothing to `--strict`."""
+
+
 class Findings:
     """The way of a command to standard output.
 
-    warnings  all that were said
+    warnings  all that were said; notes: likewise
     error     what ended the command; None where nothing did
     """
 
@@ -31,6 +35,7 @@ class Findings:
         self._values: dict[str, Any] = {}
         self._files: list[str] = []
         self.warnings: list[str] = []
+        self.notes: list[str] = []
         self.error: str | None = None
 
     @classmethod
@@ -67,7 +72,9 @@ class Findings:
             yield
 
     def finish(self, status: int) -> None:
-        """Print the document where that is asked for."""
+        """Print the notes, or the document where that is asked for."""
+        for text in self.notes:
+            self.line(f"note: {text}")
         if self._as_json:
             print(json.dumps(self.document(status), indent=2, allow_nan=False), flush=True)
 
@@ -79,6 +86,7 @@ class Findings:
             "status": status,
             "error": self.error,
             "warnings": self.warnings,
+            "notes": self.notes,
             "files": self._files,
         }
         return {key: _plain(value) for key, value in (told | self._values).items()}

@@ -11,6 +11,7 @@ from typing import Any
 from torchbrdf._version import __version__
 from torchbrdf.brdf import RESULT
 from torchbrdf.commands._results import WEIGHTS
+from torchbrdf.commands._said import Said, in_record
 from torchbrdf.files import cache_folder
 
 _LOCKS = "locks"
@@ -38,25 +39,23 @@ def _stamp(value: Any) -> Any:
     return [[name, state.st_size, state.st_mtime_ns] for name, state in states]
 
 
-def record(made_from: dict[str, Any], folder: Path, said: Sequence[str]) -> dict[str, Any]:
-    """What goes to weights.json of what else is in its folder.
-
-    said  warnings
-    """
+def record(made_from: dict[str, Any], folder: Path, said: Sequence[Said]) -> dict[str, Any]:
+    """What goes to weights.json of what else is in its folder, and of what was said."""
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir())}
-    return {"made_from": made_from, "files": files, "warnings": list(said)}
+    return {"made_from": made_from, "files": files, **in_record(said)}
 
 
-def warnings_of(folder: Path, made_from: dict[str, Any]) -> list[str] | None:
-    """The warnings of finished results; None where there are none, some are gone, or they are of something else."""
+def said_before(folder: Path, made_from: dict[str, Any]) -> list[Said] | None:
+    """What was said of finished results; None where there are none, some are gone, or they are of something else."""
     try:
         known = json.loads((folder / WEIGHTS).read_text())
-        files, said = known["files"], known["warnings"]
+        files = known["files"]
+        said = [Said(text, key == "notes") for key in ("warnings", "notes") for text in known[key]]
         whole = RESULT in files and all((folder / name).stat().st_size == size for name, size in files.items())
         same = known["made_from"] == json.loads(json.dumps(made_from))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return said if whole and same and all(isinstance(text, str) for text in said) else None
+    return said if whole and same and all(isinstance(one.text, str) for one in said) else None
 
 
 def lock_of(folder: Path) -> AbstractContextManager[object]:

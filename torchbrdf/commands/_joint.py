@@ -15,16 +15,17 @@ from torchbrdf.commands._results import (
     in_words,
     obsolete,
     products,
-    warn_of_doubts,
+    say_doubts_of,
     write_table,
     write_views,
     write_weights,
     written,
 )
-from torchbrdf.commands._said import about, kept, say
+from torchbrdf.commands._said import Said, in_record, kept, say
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.files import writing_folder
 from torchbrdf.photograph import Observation
+from torchbrdf.progress import told_if_slow
 from torchbrdf.transport import BasisImages
 
 
@@ -33,15 +34,17 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
     names = [one.name for one in photographs]
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
-        lits = [lit_sight(one.its(options), inputs) for one in photographs]
-        whole, fits = _solved(options, inputs, lits)
+        with told_if_slow(f"reading {len(names)} photographs and their light, and finding what they show"):
+            lits = [lit_sight(one.its(options), inputs) for one in photographs]
+        with told_if_slow(f"explaining {len(names)} photographs together by the library"):
+            whole, fits = _solved(options, inputs, lits)
         write_table(folder, fits[0], options.uncertainty)
-        said: dict[Photograph, list[str]] = {one: [] for one in photographs}
+        said: dict[Photograph, list[Said]] = {one: [] for one in photographs}
         for one, lit, fitted in zip(photographs, lits, fits, strict=True):
-            with kept(said[one]):
+            with told_if_slow(f"making what belongs to {one.path}"), kept(said[one]):
                 write_views(folder, lit, fitted, one.its(options), one.name)
                 if options.no_report:
-                    warn_of_doubts(fitted)
+                    say_doubts_of(fitted)
         _say(said)
         views = [
             {"name": name, "relative_error": float(fitted.result.relative_error)}
@@ -62,7 +65,7 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
     findings.add_files(*(options.output / file for file in files))
     if options.json:
         told = [
-            written(one.path, options.output, products(options, [one.name]), said[one], fitted, one.name)
+            written(one.path, options.output, products(options, [one.name]), in_record(said[one]), fitted, one.name)
             | {"relative_error": fitted.result.relative_error}
             for one, fitted in zip(photographs, fits, strict=True)
         ]
@@ -103,10 +106,10 @@ def seen_in(result: Reconstruction, i: int, observation: Observation, basis: Bas
     )
 
 
-def _say(said: dict[Photograph, list[str]]) -> None:
+def _say(said: dict[Photograph, list[Said]]) -> None:
     """What holds of every photograph once, the rest with its name."""
     first, *others = said.values()
-    common = [text for text in first if all(text in other for other in others)]
+    common = [each for each in first if all(each in other for other in others)]
     say(common)
-    for one, texts in said.items():
-        say(about(one.path, text) for text in texts if text not in common)
+    for one, found in said.items():
+        say(each.about(one.path) for each in found if each not in common)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands import _alignment
-from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, say_doubts
+from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight
 from torchbrdf.commands._inputs import open_library, open_probe
 from torchbrdf.commands._photographs import telling_swapped
 from torchbrdf.commands._reconstruction import Estimates
+from torchbrdf.commands._said import say_doubts
 from torchbrdf.commands._sight import read_observation
 from torchbrdf.lasting import LastFew
 from torchbrdf.light import LightProbe

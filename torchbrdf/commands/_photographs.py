@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from torchbrdf.brdf import RESULT
 from torchbrdf.images import read_picture, readable_suffixes
 
 _OF_FEW_BITS = (".png", ".jpg", ".jpeg")
@@ -95,10 +96,26 @@ def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:
         if path.suffix.lower() in known and not path.name.startswith(".") and path.is_file()
         and not any(path.samefile(other) for other in named)
     ]  # fmt: skip
+    inside = [path for path in sorted(given.iterdir()) if _holds_pictures(path, known)]
     if not found:
-        raise ValueError(f"{given}: holds no photographs ({', '.join(known)}); those of 8 bits need --allow-ldr")
+        deeper = f"; subfolders are not read: name them, {inside[0]} for one" if inside else ""
+        kinds = ", ".join(known)
+        raise ValueError(f"{given}: holds no photographs ({kinds}); those of 8 bits need --allow-ldr{deeper}")
+    if inside:
+        message = f"{given}: subfolders are not read, and {len(inside)} of them hold pictures; name {inside[0]}, too"
+        warnings.warn(message, UserWarning, stacklevel=2)
     _warn_of_left_out(given, few_bits, {path.stem.casefold() for path in (*found, *named)})
     yield from found
+
+
+def _holds_pictures(path: Path, suffixes: Collection[str]) -> bool:
+    """Whether a path is a folder with pictures, and none that `fit` wrote."""
+    try:
+        names = [one.name for one in path.iterdir() if not path.name.startswith(".")] if path.is_dir() else []
+    except OSError:
+        return False
+    pictures = [name for name in names if Path(name).suffix.lower() in suffixes and not name.startswith(".")]
+    return bool(pictures) and RESULT not in names
 
 
 def _warn_of_left_out(folder: Path, suffixes: Collection[str], known: Collection[str]) -> None:

@@ -4,10 +4,11 @@ import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from torchbrdf.analytic import AnalyticFit, CellTransport, fit_analytic_to_image
-from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, say_doubts
+from torchbrdf.analytic import AnalyticFit, CellTransport, fit_analytic_to_image, image_error
+from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight
 from torchbrdf.commands._inputs import about
 from torchbrdf.commands._options import add_photographed
+from torchbrdf.commands._said import say_doubts
 from torchbrdf.commands._sight import Sight, read_observation
 from torchbrdf.light import LightProbe
 
@@ -43,6 +44,11 @@ class Refinement:
         sight = read_observation(options, None)
         say_doubts([*doubts_of_sight(options, sight), *doubts_of_light(probe)])
         return cls(options.photo, sight, probe, CellTransport.build(probe, sight.view))
+
+    def error(self, fit: AnalyticFit) -> float:
+        """How far a fit's pixels are from the photograph's, as those of a refined one."""
+        observation = self.sight.observation
+        return image_error(fit, observation.image, self.transport, observation.mask)
 
     def refined(self, start: AnalyticFit, most_evaluations: int | None) -> AnalyticFit:
         """The fit that explains the photograph best, in the model of its start."""

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import warnings
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -12,9 +11,10 @@ from torchbrdf.brdf import RESULT, RESULT_STD, MerlTable, above_horizon
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._lit_sight import LitSight
 from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
+from torchbrdf.commands._said import say_doubts
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
-from torchbrdf.report import Doubt, Scene, doubts_of_result, write_report
+from torchbrdf.report import Doubt, Scene, doubts_without_pictures, write_report
 
 WEIGHTS = "weights.json"
 """Written last: where it is, the others are whole."""
@@ -50,13 +50,13 @@ def written(
     photograph: Path,
     folder: Path,
     files: Sequence[str],
-    said: Sequence[str],
+    said: Mapping[str, Sequence[str]],
     fitted: Fit | None,
     name: str | None = None,
 ) -> dict[str, Any]:
     """What a script is told of a photograph whose results are in a folder, and is found there.
 
-    said    warnings
+    said    its warnings and notes, see `in_record`
     fitted  None where it was finished before
     name    of one of several photographs of a material
     """
@@ -71,7 +71,7 @@ def written(
         "relative_std": None if fitted is None else relative_std(fitted),
         "alignment": json.loads((folder / alignment).read_text()) if alignment in files else None,
         "files": [folder / file for file in files],
-        "warnings": list(said),
+        **said,
     }
 
 
@@ -97,7 +97,7 @@ def write_results(
     primaries: ColourSpace = DEFAULT_SPACE,
     scene: Scene | None = None,
 ) -> None:
-    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; warns of all that the report does."""
+    """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; says all that the report does."""
     write_table(folder, fitted, uncertainty=False)
     write_image(folder / "fitted.exr", fitted.image, primaries=primaries)
     write_page(folder / _REPORT, fitted, settings, scene)
@@ -116,7 +116,7 @@ def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Name
     """Write what belongs to one photograph: fitted.exr, what an alignment found, report.html unless that is unwanted.
 
     name  of one of several photographs of a material
-    Warns of all that the report does.
+    Says all that the report does.
     """
     if lit.found is not None:
         record, probe = (folder / ended(file, name) for file in _ALIGNED)
@@ -129,7 +129,7 @@ def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Name
 def write_page(
     path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scene | None, known: Sequence[Doubt] = ()
 ) -> None:
-    """Write report.html, and warn of all that stands at its top but what is known of the capture and was said."""
+    """Write report.html, and say all that it warns of but what is known of the capture and was said."""
     description = dict(settings) | {
         "penalty": str(fitted.estimator.penalty),
         "constraint": str(fitted.estimator.constraint or "none"),
@@ -143,16 +143,15 @@ def write_page(
         *(["--robust"] if fitted.estimator.robust else []),
         *([f"--constraint {constraint}"] if constraint else []),
     ]
-    for doubt in write_report(
+    found = write_report(
         path, fitted.subject, description, observability=observability, scene=scene, tried=tried, known=known
-    ):
-        warnings.warn(doubt, UserWarning, stacklevel=2)
+    )
+    say_doubts(found)
 
 
-def warn_of_doubts(fitted: Fit) -> None:
-    """Warn of what the report would, as far as no picture is needed for it."""
-    for doubt in doubts_of_result(fitted.result, fitted.subject.basis, fitted.table):
-        warnings.warn(doubt, UserWarning, stacklevel=2)
+def say_doubts_of(fitted: Fit) -> None:
+    """Say what the report would, as far as no picture is needed for it."""
+    say_doubts(doubts_without_pictures(fitted.result, fitted.subject.basis, fitted.table))
 
 
 def write_weights(folder: Path, record: Mapping[str, object]) -> None:

@@ -1,19 +1,17 @@
 """Which second photograph, or which lamp, would tell most: each is rehearsed."""
 
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import cos
 from statistics import fmean
 
 import torch
 
-from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._inputs import open_probe
 from torchbrdf.estimation import BRDFEstimator, MaterialClasses
 from torchbrdf.light import LightProbe, directions_at, turned
 from torchbrdf.progress import progress_bar
-from torchbrdf.rendering import render_basis
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
 
@@ -49,7 +47,7 @@ class Suggestion:
 
 def suggestions(
     options: Namespace,
-    library: MaterialLibrary,
+    rendered: Callable[[LightProbe], BasisImages],
     classes: MaterialClasses,
     view: View,
     probe: LightProbe,
@@ -59,13 +57,11 @@ def suggestions(
 ) -> list[Suggestion]:
     """All of them, the one with the largest part of the error taken off first.
 
+    rendered  the library's basis images under a light
     basis     of the first photograph, under the probe
     novel     under other light
     expected  the error of the first photograph alone there
     """
-
-    def rendered(light: LightProbe) -> BasisImages:
-        return render_basis(library, light, view)
 
     def added() -> Iterator[tuple[str, list[BasisImages], Sequence[BasisImages], float]]:
         """What is added, the photographs then, the lights under which errors count, and that of the first there."""

@@ -21,9 +21,9 @@ from torchbrdf.commands._options import add_light, add_photographed, add_size, a
 from torchbrdf.files import writing
 
 EXAMPLES = (
-    "torchbrdf analytic result --model principled -o material.xml --preview fit.png",
-    "torchbrdf analytic result --model ggx --photograph ball.exr --probe probe.exr --fov 24 -o material.glb",
-    "torchbrdf analytic gold.binary --model metallic-roughness -o gold.gltf",
+    "torchbrdf analytic result -o material.xml --preview fit.png",
+    "torchbrdf analytic result --photograph ball.exr --probe probe.exr --fov 24 -o material.glb",
+    "torchbrdf analytic gold.binary -o gold.gltf",
 )
 
 
@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """What is fitted, how, and what is written."""
     add_table(parser)
     parser.add_argument(
-        "--model", default=DEFAULT_MODEL, help=f"{', '.join(models.NAMES)}; default: %(default)s", metavar="MODEL"
+        "--model", help=f"{', '.join(models.NAMES)}; default: that of the file, else {DEFAULT_MODEL}", metavar="MODEL"
     )
     metrics = (*METRIC_NAMES, IMAGE_METRIC)
     parser.add_argument("--metric", choices=metrics, default=DEFAULT_METRIC, help="default: %(default)s")
@@ -61,12 +61,13 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._inputs import about, labels, open_probe, open_table
     from torchbrdf.commands._refinement import Refinement, check_pair
     from torchbrdf.images import check_image_suffix
+    from torchbrdf.mitsuba_startup import mitsuba_program
 
-    model_of(options.model)
     check_pair(options)
     if options.format and not options.output:
         raise ValueError(f"--format {options.format} needs a file to write: -o FILE")
     wanted = None if options.output is None else format_of(options.output, options.format)
+    model = model_of(options.model or (DEFAULT_MODEL if wanted is None else wanted.model)).name
     if options.preview is not None:
         check_image_suffix(options.preview)
     options.probe = options.probe or "default"
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         if refinement is not None:
             findings.line(f"photograph {refinement.sight.about}")
         with about(options.brdf):
-            fit = fit_analytic(table, options.model, options.metric, shared=not options.separate, **settings)
+            fit = fit_analytic(table, model, options.metric, shared=not options.separate, **settings)
         fits = Fits(findings, refinement, options.most_evaluations)
         best = fits.tell(fit)
         if wanted is not None and output is not None:
@@ -92,15 +93,16 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
                 findings.line(f"{has_not}; {options.output} holds {what}, fitted to the same table:")
                 best = fits.tell(held)
             wanted.write(best, output)
-            if wanted.caution:
-                findings.line(f"caution: {wanted.caution}")
+            if wanted.note:
+                findings.notes.append(wanted.note)
         if preview and probe:
             write_preview(preview, table, fits, probe, options.size, options.primaries)
-    cautions = [wanted.caution] if wanted is not None and wanted.caution else []
-    findings.add(fits=fits.records, cautions=cautions)
+    findings.add(fits=fits.records)
     shown = f": from left to right {', '.join([table.name, *fits.labels])}"
     for path, what in ((options.output, ""), (options.preview, shown)):
         if path is not None:
             findings.line(f"wrote {path}{what}")
             findings.add_files(path)
+    if options.output is not None and options.output.suffix.lower() == ".xml":
+        findings.line(f"`{mitsuba_program(options.output)}` renders it")
     return 0

@@ -1,6 +1,7 @@
 """`torchbrdf compare`: tables side by side, on a page to look at."""
 
 import argparse
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 
@@ -45,10 +46,10 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
             f"{name} from {names[0]}: {cells}; picture {difference.picture:.2%}, "
             f"delta E mean {difference.delta_e_mean:.2f}, 95 % below {difference.delta_e_95:.2f}"
         )
-    for caution in comparison.cautions:
-        findings.line(f"caution: {caution}")
+    for text in comparison.warnings:
+        warnings.warn(text, UserWarning, stacklevel=2)
     findings.line(f"wrote {options.output}")
     told = [{"name": name} | asdict(one) for name, one in zip(names[1:], comparison.differences, strict=True)]
-    findings.add(reference=names[0], differences=told, cautions=comparison.cautions)
+    findings.add(reference=names[0], differences=told)
     findings.add_files(options.output)
     return 0

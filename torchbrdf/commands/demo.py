@@ -6,6 +6,7 @@ from pathlib import Path
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_output
 from torchbrdf.files import writing_folder
+from torchbrdf.progress import told_if_slow
 
 PICTURE_SIZE = 192
 
@@ -39,18 +40,20 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     novel = probe.rotated(torch.diag(torch.tensor([-1.0, 1.0, -1.0])))  # half around the vertical
     truth = whole.table(MATERIAL)
     with writing_folder(options.output) as folder:
-        observation = photographed(truth, probe)
-        fitted = fit(observation, probe, library)
+        with told_if_slow("photographing a ball by simulation, and recovering its BRDF"):
+            observation = photographed(truth, probe)
+            fitted = fit(observation, probe, library)
         write_image(folder / "photograph.exr", observation.image)
         settings = {
             "title": f"Demo: {MATERIAL}",
             "photograph": f"simulated: {MATERIAL}, {NOISE:.0%} noise",
             "light probe": probe.name,
         }
-        write_results(folder, fitted, settings)
         large = SphereView(PICTURE_SIZE)
-        expected = render(truth, novel, large)
-        got = render(fitted.table, novel, large)
+        with told_if_slow("making the report, and pictures under another light"):
+            write_results(folder, fitted, settings)
+            expected = render(truth, novel, large)
+            got = render(fitted.table, novel, large)
         write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
         names = sorted(path.name for path in folder.iterdir())
     findings.line(f"a simulated photograph of {MATERIAL}, recovered from the {len(library.names)} other materials")

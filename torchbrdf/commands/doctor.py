@@ -26,6 +26,7 @@ from torchbrdf.mitsuba_startup import (
     OLDEST_LLVM,
     SLOW_VARIANT,
     Trial,
+    mitsuba_program,
     packaged_llvm,
     try_render,
 )
@@ -157,6 +158,7 @@ def _mitsuba(section: Section) -> Trial:
         section.problems.append(f"Mitsuba's {FAST_VARIANT} {trial}; {_REINSTALL}, {_SLOW}")
     else:
         section.add("used", FAST_VARIANT)
+        section.add("its program", mitsuba_program("SCENE.xml"))
         return trial
     used = try_render("" if problem is not None else SLOW_VARIANT)
     section.add("used" if problem is not None else SLOW_VARIANT, f"{used.facts.get('variant', 'none')} (slow): {used}")

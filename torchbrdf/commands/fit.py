@@ -9,6 +9,7 @@ from torchbrdf.brdf import RESULT, RESULT_STD, TABLE_SUFFIXES
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_camera, add_estimation, add_light, add_output, add_shape, add_strict
 from torchbrdf.files import writing_folder
+from torchbrdf.progress import told_if_slow
 
 _ONLY_WITH_ALIGN = ("search", "keep_silhouette", "blur", "exposure", "white_balance")
 
@@ -80,25 +81,28 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
         in_words,
         obsolete,
         products,
-        warn_of_doubts,
+        say_doubts_of,
         write_table,
         write_views,
         write_weights,
         written,
     )
 
+    files = products(options)
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
-        lit = lit_sight(options, inputs)
-        setting = inputs.estimates.setting(lit.probe, lit.view, lit.basis)
-        (fitted,) = inputs.estimates.fits([lit.observation], setting)
+        with told_if_slow(f"reading {options.photo} and its light, and finding what they show"):
+            lit = lit_sight(options, inputs)
+        with told_if_slow(f"explaining {options.photo} by the library"):
+            setting = inputs.estimates.setting(lit.probe, lit.view, lit.basis)
+            (fitted,) = inputs.estimates.fits([lit.observation], setting)
         if options.no_report:
             (fitted,) = inputs.estimates.combined([fitted])
-            warn_of_doubts(fitted)
-        write_table(folder, fitted, options.uncertainty)
-        write_views(folder, lit, fitted, options)
+            say_doubts_of(fitted)
+        with told_if_slow(f"making {in_words(files)}"):
+            write_table(folder, fitted, options.uncertainty)
+            write_views(folder, lit, fitted, options)
         write_weights(folder, weights_record(fitted) | {"primaries": options.primaries})
-    files = products(options)
     findings.line(f"photograph {lit.about}")
     findings.line(f"light {lit.light}; {setting.basis.description}")
     if lit.found is not None:
@@ -107,7 +111,8 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     findings.line(f"wrote {options.output}/{in_words(files)}")
     findings.add_files(*(options.output / file for file in files))
     if options.json:
-        findings.add(photographs=[written(options.photo, options.output, files, findings.warnings, fitted)])
+        said = {"warnings": findings.warnings, "notes": findings.notes}
+        findings.add(photographs=[written(options.photo, options.output, files, said, fitted)])
     return 0
 
 

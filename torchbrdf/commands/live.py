@@ -67,12 +67,13 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
 
 def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, LightProbe]:
     """What was photographed, what came of it, the library, and the photograph's light."""
-    from torchbrdf.brdf import MaterialLibrary
-    from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight, say_doubts
+    from torchbrdf.brdf import TABLE_SUFFIXES, MaterialLibrary
+    from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight
     from torchbrdf.commands._demonstration import MATERIAL, photographed
     from torchbrdf.commands._inputs import open_library, open_probe
     from torchbrdf.commands._photographs import telling_swapped
     from torchbrdf.commands._reconstruction import fit
+    from torchbrdf.commands._said import say_doubts
     from torchbrdf.commands._sight import read_observation
     from torchbrdf.light import LightProbe
 
@@ -85,6 +86,11 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
         library = whole.without(MATERIAL)
         fitted = fit(photographed(whole.table(MATERIAL), probe), probe, library, **estimation)
         return f"{MATERIAL}, simulated", fitted, library, probe
+    if options.photo.is_dir() or options.photo.suffix.lower() in TABLE_SUFFIXES:
+        raise ValueError(
+            f"{options.photo}: live takes a photograph, with its --probe, and recovers the BRDF itself; what is there "
+            f"is shown by `torchbrdf render {options.photo} --probe other.hdr -o other.png` and by report.html"
+        )
     if options.probe is None:
         raise ValueError("a photograph needs the light probe of its light: give --probe")
     with telling_swapped(options.photo, options):

@@ -69,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Unwrap a photograph of a mirror ball, or two, into a lat-long light probe in the frame of the first camera."""
-    from torchbrdf.commands._capture import FOV_KEY
+    from torchbrdf.commands._capture import FOV_KEY, MIRROR_KEY, fingerprint_of
     from torchbrdf.light import LightProbe
     from torchbrdf.light.mirror import unwrapped
 
@@ -81,8 +81,12 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     title = " and ".join(path.name for path in options.photos)
     probe = LightProbe(found.radiance, unknown_lamps=True, name=f"light of {title}")
     with writing(options.output) as temporary:
-        about = {"mirrorBall": "; ".join((*sights, reflects, *_told(found)))}
-        probe.save(temporary, options.primaries, about | {FOV_KEY: f"{photographs[0].ball.camera.fov_deg:.4g}"})
+        about = {
+            "mirrorBall": "; ".join((*sights, reflects, *_told(found))),
+            FOV_KEY: f"{photographs[0].ball.camera.fov_deg:.4g}",
+            MIRROR_KEY: " ".join(map(fingerprint_of, options.photos)),
+        }
+        probe.save(temporary, options.primaries, about)
     for line in (*sights, reflects, *_told(found)):
         findings.line(line)
     for warning in _doubts(options, found):
@@ -154,7 +158,10 @@ def _photograph(
     camera, told = open_camera(options, path, photograph.size)
     if camera is None:
         raise ValueError(
-            f"{path}: a ball is unwrapped for its camera: give --fov DEG, or --focal-mm MM with --sensor-mm MM"
+            f"{path}: the camera's field of view is needed, and the file does not tell it: give --fov DEG, across the "
+            "width of this picture, or --focal-mm MM with --sensor-mm MM; of a crop, --fov of what was kept, and "
+            "--principal X Y, where the whole picture's middle lies in it; for a ball seen from very far away, or "
+            "without perspective, --fov 1"
         )
     one = argparse.Namespace(photo=path, circle=circle, mask=mask, ball=ball_number)
     with about(path):

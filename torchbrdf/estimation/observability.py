@@ -22,6 +22,9 @@ HARDLY = 0.45
 """And below which it hardly can. Uniform light removes 0.1, a vertical gradient 0.2, measured probes 0.42 to 0.65; the
 error under other light at what lies between: docs/uncertainty.md."""
 
+NEAR = 0.05
+"""From HARDLY, within which the verdict says partly: lights on both sides of it are alike."""
+
 GRAZING = 0.78
 """Mean share of what is open about grazing reflection below which the verdict says that it will be a guess. Lights from
 all sides have 0.8 to 0.9, one window behind the camera 0.77, one lamp beside it 0.65."""
@@ -123,11 +126,13 @@ class Observability:
         if self.highlight < CANNOT:
             return f"cannot tell gloss from albedo: {share}; {numbers}; use light with edges or small bright lamps"
         if "grazing" in self.gaps:
-            share = f"no light from behind the object: grazing reflection will be a guess; {share}"
+            share = f"no light from behind the object: grazing reflection will be a guess from this side alone; {share}"
+        tells = "partly tells" if abs(self.highlight - HARDLY) < NEAR else "tells"
         if "gloss" in self.gaps:
-            return f"hardly tells gloss from albedo: {share}; {numbers}; brighter lamps on more sides would help"
+            tells = "hardly tells" if tells == "tells" else tells
+            return f"{tells} gloss from albedo: {share}; {numbers}; brighter lamps on more sides would help"
         but = " where light falls" if "shadow" in self.gaps else ""
-        return f"tells gloss from albedo{but}: {share}; {numbers}"
+        return f"{tells} gloss from albedo{but}: {share}; {numbers}"
 
 
 def observability(

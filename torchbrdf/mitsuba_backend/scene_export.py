@@ -62,12 +62,17 @@ _RENDER = f'''\
 import argparse
 from pathlib import Path
 
+import numpy as np
+import torch
+
+from torchbrdf.images import exposure_for
 from torchbrdf.mitsuba_backend import load_mitsuba, register_merl
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--samples", type=int, default=256, help="a pixel; default: 256")
 parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--exposure", type=float, default=1.0, help="factor on the radiance in image.png; default: 1")
+text = "factor on the radiance in image.png; default: that which makes the shape's 99th percentile white"
+parser.add_argument("--exposure", type=float, help=text)
 options = parser.parse_args()
 
 folder = Path(__file__).resolve().parent
@@ -76,8 +81,12 @@ register_merl()
 scene = mi.load_file(str(folder / "{SCENE}"))
 image = mi.render(scene, spp=options.samples, seed=options.seed)
 mi.util.write_bitmap(str(folder / "image.exr"), image, write_async=False)
-mi.util.write_bitmap(str(folder / "image.png"), options.exposure * image, write_async=False)
-print(f"wrote {{folder / 'image.exr'}} and image.png")
+exposure = options.exposure
+if exposure is None:
+    pixels = torch.from_numpy(np.array(image)).permute(2, 0, 1)
+    exposure = exposure_for(pixels, pixels.amax(0, keepdim=True) > 0)  # the light beside the shape is hidden
+mi.util.write_bitmap(str(folder / "image.png"), exposure * image, write_async=False)
+print(f"wrote {{folder / 'image.exr'}}, and image.png, radiance times {{exposure:.3g}}")
 '''
 
 _README = Template(f"""\
@@ -85,7 +94,9 @@ A recovered BRDF as a scene for Mitsuba 3, written by torchbrdf.
 
     python {RENDER_SCRIPT}
 
-writes image.exr (linear radiance) and image.png (display values), with torchbrdf and Mitsuba installed.
+writes image.exr (linear radiance) and image.png (display values), with torchbrdf and Mitsuba installed. In
+image.png radiance is multiplied by what makes the shape's 99th percentile white, as `torchbrdf render` has it, or by
+--exposure; the factor is printed. --samples, of a pixel, and --seed are for the noise.
 
 {SCENE:<14} camera, light, shape and material; edit it freely. Paths in it are relative to it
 {BRDF:<14} the material, a table in MERL format: $material

@@ -7,6 +7,7 @@ from .loading import (
     MitsubaUnavailableError as MitsubaUnavailableError,
     is_vectorised as is_vectorised,
     load_mitsuba as load_mitsuba,
+    mitsuba_program as mitsuba_program,
     packaged_llvm as packaged_llvm,
 )
 from .trial import (

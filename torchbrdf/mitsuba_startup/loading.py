@@ -8,6 +8,7 @@ So the library is chosen before the import, and its version is checked before an
 
 import importlib.metadata
 import os
+import shlex
 import sys
 import warnings
 from functools import cache
@@ -95,6 +96,18 @@ def packaged_llvm() -> Path | None:
         return None
     found = [Path(str(file.locate())).resolve() for file in files if file.name.startswith("libLLVM.")]
     return next((path for path in found if path.is_file()), None)
+
+
+def mitsuba_program(scene: str | os.PathLike[str]) -> str:
+    """The line for a shell that renders a file by Mitsuba's own program, whatever LLVM the system has.
+
+    That program takes the system's, which may abort it, unless DRJIT_LIBLLVM_PATH names another.
+    """
+    packaged, path = packaged_llvm(), shlex.quote(os.fspath(scene))
+    named = os.environ.get(LLVM_VARIABLE)
+    if packaged is not None and named in (None, "", str(packaged)):
+        return f"{LLVM_VARIABLE}={shlex.quote(str(packaged))} mitsuba {path}"
+    return f"mitsuba {path}" if named else f"mitsuba -m {SLOW_VARIANT} {path}"
 
 
 def llvm_problem() -> str | None:

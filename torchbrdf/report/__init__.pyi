@@ -4,6 +4,7 @@ from .comparison_page import write_comparison as write_comparison
 from .doubts import (
     Doubt as Doubt,
     doubts_of_result as doubts_of_result,
+    doubts_without_pictures as doubts_without_pictures,
     few_pixels as few_pixels,
 )
 from .evidence import Subject as Subject

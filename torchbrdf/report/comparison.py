@@ -75,7 +75,7 @@ class Comparison:
         return cls(names, tables, probe, pictures, exposure, albedo, differences)
 
     @property
-    def cautions(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What a reader should know before believing the page: holes, black, more light than there was."""
         found = []
         for name, table, albedo in zip(self.names, self.tables, self.albedo, strict=True):

@@ -29,7 +29,7 @@ def write_comparison(path: str | os.PathLike[str], comparison: Comparison, title
     body = [
         f"<h1>{escape(heading)}</h1>",
         f'<p class="soft">BRDFs compared by torchbrdf; <b>{escape(names[0])}</b> is the reference.</p>',
-        _cautions(comparison.cautions),
+        _warnings(comparison.warnings),
         _numbers(comparison),
         _lit(comparison),
         spheres.section(),
@@ -40,8 +40,8 @@ def write_comparison(path: str | os.PathLike[str], comparison: Comparison, title
         temporary.write_text(compare_document(heading, body), encoding="utf-8")
 
 
-def _cautions(cautions: Sequence[str]) -> str:
-    items = "".join(f"<li>{escape(text)}</li>" for text in cautions)
+def _warnings(warnings: Sequence[str]) -> str:
+    items = "".join(f"<li>{escape(text)}</li>" for text in warnings)
     return f'<div class="caution" role="note"><ul>{items}</ul></div>' if items else ""
 
 

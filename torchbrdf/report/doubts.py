@@ -10,6 +10,7 @@ from torch import Tensor
 from torchbrdf.brdf import MerlTable, directional_albedo, reflects_too_much
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.report.advice import Topic
+from torchbrdf.report.grade import HARMLESS
 from torchbrdf.transport import BasisImages
 
 LARGE_RESIDUAL = 0.05
@@ -59,6 +60,15 @@ class Doubt:
 
     topic: Topic
     text: str
+
+    def __str__(self) -> str:
+        """The sentences."""
+        return self.text
+
+    @property
+    def is_harmless(self) -> bool:
+        """Whether a good result may have it."""
+        return self.topic in HARMLESS
 
 
 @dataclass(frozen=True)
@@ -176,10 +186,26 @@ def few_pixels(used: int, seen: int) -> str | None:
     return f"only {used} of the shape's {seen} pixels are used" if used < SMALL_SHARE * seen else None
 
 
+def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: MerlTable) -> list[Doubt]:
+    """The doubts about a single result of which no report is made: all but that about another light."""
+    errors = (result.class_errors / result.energy).clamp_min(0).sqrt().tolist()
+    probabilities = [None] * len(errors) if result.posteriors is None else result.class_probabilities.tolist()
+    return doubts(
+        error=float(result.relative_error),
+        classes=[ClassShare(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
+        chosen=int(result.class_index),
+        albedo=directional_albedo(table).mean(1),
+        oscillation=oscillation_of(result.weights.detach().cpu().double()),
+        clamped=clamped_share(table),
+        distrust=basis.distrust,
+        spread=None,
+    )
+
+
 def doubts_of_result(
     result: Reconstruction, basis: BasisImages, table: MerlTable, mask: Tensor | None = None
 ) -> list[str]:
-    """The reasons to doubt a single result, in a sentence or two each, as the commands warn of them.
+    """The reasons to doubt a single result, in a sentence or two each, as the commands say them.
 
     basis   of the photograph; of several photographs those of any
     table   `result.brdf(library)`
@@ -191,17 +217,5 @@ def doubts_of_result(
         raise ValueError("doubts are of a single reconstruction, this holds a batch; pick one: result[i]")
     if mask is not None and mask.shape != basis.mask.shape:
         raise ValueError(f"mask must be {tuple(basis.mask.shape)} like the basis images', got {tuple(mask.shape)}")
-    errors = (result.class_errors / result.energy).clamp_min(0).sqrt().tolist()
-    probabilities = [None] * len(errors) if result.posteriors is None else result.class_probabilities.tolist()
-    found = doubts(
-        error=float(result.relative_error),
-        classes=[ClassShare(j, *figures) for j, figures in enumerate(zip(probabilities, errors, strict=True))],
-        chosen=int(result.class_index),
-        albedo=directional_albedo(table).mean(1),
-        oscillation=oscillation_of(result.weights.detach().cpu().double()),
-        clamped=clamped_share(table),
-        distrust=basis.distrust,
-        spread=None,
-    )
     few = None if mask is None else few_pixels(int(basis.pack(mask).sum()), basis.packed.shape[-1])
-    return [*([few] if few else []), *(doubt.text for doubt in found)]
+    return [*([few] if few else []), *map(str, doubts_without_pictures(result, basis, table))]

@@ -162,17 +162,13 @@ class Evidence:
         return margin(self.best, self.runner_up)
 
     @property
-    def warnings(self) -> list[str]:
-        """What a reader should know of the result before trusting it, a sentence or two each, beside what is known."""
-        return [doubt.text for doubt in self._found_doubts]
-
-    @property
     def doubts(self) -> list[Doubt]:
         """The reasons to doubt the result."""
-        return [*self.known, *self._found_doubts]
+        return [*self.known, *self.found_doubts]
 
     @cached_property
-    def _found_doubts(self) -> list[Doubt]:
+    def found_doubts(self) -> list[Doubt]:
+        """Those that are not of the capture."""
         return doubts(
             error=self.found.error,
             classes=self.candidates,

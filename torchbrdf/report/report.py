@@ -64,7 +64,7 @@ def write_report(
     known: Sequence[Doubt] = (),
     size: int = _SIZE,
     samples: int = _SAMPLES,
-) -> list[str]:
+) -> list[Doubt]:
     """Write one HTML file that opens offline, with everything inside; returns what it warns of beside what is known.
 
     subject      the reconstruction and what it was made from
@@ -98,7 +98,7 @@ def write_report(
     ]
     with writing(path) as temporary:
         temporary.write_text(page(title, body), encoding="utf-8")
-    return evidence.warnings
+    return evidence.found_doubts
 
 
 def _observed(evidence: Evidence, view: View) -> str:

@@ -15,6 +15,7 @@ from torchbrdf.analytic.export.gltf import write_gltf
 from torchbrdf.analytic.export.materialx import write_materialx
 from torchbrdf.analytic.export.mitsuba import MITSUBA, write_mitsuba
 from torchbrdf.analytic.export.settings import SUFFIXES
+from torchbrdf.analytic.settings import DEFAULT_MODEL
 from torchbrdf.analytic.table_fit import AnalyticFit, fit_analytic
 from torchbrdf.brdf import MerlTable
 
@@ -31,14 +32,19 @@ class Format:
     suffixes  of its files; the first is the usual one
     write     (fit, path)
     models    that it holds, the one that others are carried over to first; empty: all
-    caution   where the other program evaluates the same parameters otherwise
+    note      where the other program evaluates the same parameters otherwise
     """
 
     name: str
     suffixes: tuple[str, ...]
     write: Callable[[AnalyticFit, Path], None]
     models: tuple[str, ...] = ()
-    caution: str = ""
+    note: str = ""
+
+    @property
+    def model(self) -> str:
+        """What is fitted for it where no model is named."""
+        return self.models[0] if self.models else DEFAULT_MODEL
 
     def holds(self, fit: AnalyticFit) -> bool:
         """Whether a file can say what was fitted."""
@@ -81,12 +87,25 @@ def format_of(path: Path, name: str | None = None) -> Format:
         for one in FORMATS.values():
             if suffix in one.suffixes:
                 return one
-        known = ", ".join(f"{suffix} ({one.name})" for one in FORMATS.values() for suffix in one.suffixes)
-        raise ValueError(f"{path}: no format has the suffix {suffix!r}; use one of {known}")
+        raise ValueError(f"{path}: no format has the suffix {suffix!r}; use one of {_known_suffixes()}")
     if name not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {name!r}")
     checked_path(path, name, FORMATS[name].suffixes)
     return FORMATS[name]
+
+
+def _known_suffixes() -> str:
+    """Every suffix with its formats, the one first that is taken where `--format` says nothing."""
+    names: dict[str, list[str]] = {}
+    for one in FORMATS.values():
+        for suffix in one.suffixes:
+            names.setdefault(suffix, []).append(one.name)
+    return ", ".join(f"{suffix} ({_choice(formats)})" for suffix, formats in names.items())
+
+
+def _choice(names: list[str]) -> str:
+    first, *others = names
+    return first + "".join(f", or {other} with --format {other}" for other in others)
 
 
 def native_fit(fit: AnalyticFit, table: MerlTable, wanted: Format, **options: Any) -> AnalyticFit:
