@@ -1,13 +1,16 @@
 """What several test modules share: the data beside the repository, small libraries, a cache of their own."""
 
+import gc
 import os
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")  # as torchbrdf sets it where it is imported before torch
 if "PYTEST_XDIST_WORKER" in os.environ:  # the processes of a run share the cores
@@ -31,10 +34,18 @@ from torchbrdf.view.sphere import SphereView
 hypothesis.settings.register_profile("torchbrdf", deadline=None, max_examples=60)
 hypothesis.settings.load_profile("torchbrdf")
 
+gc.disable()  # while the modules of tests are imported, which leaves no garbage
 
-@pytest.fixture
-def browser():
-    """Headless Chromium, with WebGL computed by the processor; skips where there is none."""
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays: the garbage collector need not look at it again and again."""
+    gc.freeze()
+    gc.enable()
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """Headless Chromium, with WebGL computed by the processor; skips where there is none. It takes 2 s to start."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if path is None:
@@ -47,6 +58,14 @@ def browser():
             yield opened
         finally:
             opened.close()
+
+
+@pytest.fixture
+def browser(chromium: Any) -> Iterator[Any]:
+    """A browser without pages, which keeps nothing of the test before: what a test opens in it is closed after it."""
+    yield chromium
+    for context in chromium.contexts:
+        context.close()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -144,8 +163,16 @@ def tiny_library(tiny_tables: dict[str, MerlTable]) -> MaterialLibrary:
 
 
 @pytest.fixture(scope="session")
-def default_library(own_cache: Path) -> MaterialLibrary:
-    """The embedded library; its expansion takes many seconds and happens once a session."""
+def default_library(own_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> MaterialLibrary:
+    """The embedded library, which no test changes: its expansion takes many seconds and happens once in a whole run."""
+    own = tmp_path_factory.getbasetemp()
+    made = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "embedded"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TORCHBRDF_CACHE", str(made))
+        MaterialLibrary.default(progress=False)
+    (own_cache / "libraries").mkdir(exist_ok=True)
+    with suppress(FileExistsError):
+        (own_cache / "libraries" / "default").symlink_to(made / "libraries" / "default")
     return MaterialLibrary.default(progress=False)
 
 

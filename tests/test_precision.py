@@ -68,6 +68,14 @@ class Capture:
         return tb.BRDFEstimator(self.basis, self.classes, **settings)(self.photograph)
 
 
+SHORT = {"most_evaluations": 8}
+"""A search that ends before it has forgotten where its sums were rounded."""
+
+
+def parameters(fit: tb.AnalyticFit) -> Tensor:
+    return torch.cat(list(fit.parameters.values()))
+
+
 Calls = dict[str, Tensor]
 
 CALLS: dict[str, Callable[[Capture], Tensor]] = {
@@ -92,15 +100,16 @@ CALLS: dict[str, Callable[[Capture], Tensor]] = {
     "robust": lambda of: of.estimate(robust=True).image,
     "fixed penalty": lambda of: of.estimate(penalty="paper").weights,
     "energy": lambda of: of.estimate(constraint="energy", library=of.library).weights,
+    "lobes": lambda of: of.estimate(constraint="lobes", library=of.library).weights,
     "relative_error": lambda of: of.estimate().relative_error,
     "brdf": lambda of: of.result.brdf(of.library).values,
     "brdf_std": lambda of: of.result.brdf_std(of.library),
     "image_std": lambda of: of.result.image_std(of.basis),
     "observability": lambda of: tb.BRDFEstimator(of.basis, of.classes).observability(of.library).seen,
     "rehearse": lambda of: torch.tensor([tb.BRDFEstimator(of.basis, of.classes).rehearse([of.basis]).error]).double(),
-    "fit_analytic": lambda of: torch.cat(list(tb.fit_analytic(of.table, "ggx").parameters.values())),
-    "fit_analytic_to_image": lambda of: torch.cat(
-        list(tb.fit_analytic_to_image(of.photograph, of.probe, of.view, "ggx").parameters.values())
+    "fit_analytic": lambda of: parameters(tb.fit_analytic(of.table, "ggx", **SHORT)),
+    "fit_analytic_to_image": lambda of: parameters(
+        tb.fit_analytic_to_image(of.photograph, of.probe, of.view, "ggx", **SHORT)
     ),
     "align": lambda of: tb.align(of.photograph, of.probe, of.view, of.library).rotation,
     "LearnedRotation": lambda of: LearnedRotation(HarmonicBasis(of.library, of.probe, of.view), TURN)(of.weights),

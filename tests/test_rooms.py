@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import get_args
@@ -27,9 +28,15 @@ def dotted(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
 
+@cache
+def statements(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    """All of a file that import, lazily or not."""
+    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imports(path: Path) -> Iterator[tuple[str, str]]:
-    """Modules of this package and names that a file takes from them, lazily or not."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    """Modules of this package and names that a file takes from them."""
+    for node in statements(path):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "torchbrdf":
             yield from ((node.module, name.name) for name in node.names)
 
@@ -82,8 +89,7 @@ def test_nothing_below_the_command_line_imports_the_package_itself():
     """Its names come from rooms, its version from `_version`: what imports it would climb to the root."""
     climbing = []
     for path in PACKAGE.rglob("*.py"):
-        tree = ast.parse(path.read_text())
-        plain = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+        plain = {name.name for node in statements(path) if isinstance(node, ast.Import) for name in node.names}
         taken = {name for module, name in imports(path) if module == "torchbrdf"}
         modules = {name for name in taken if (PACKAGE / name).is_dir() or (PACKAGE / f"{name}.py").is_file()}
         if "torchbrdf" in plain or taken != modules:

@@ -35,8 +35,10 @@ def prose_of_page(path: Path) -> Iterator[str]:
 
 
 def prose_of_source(path: Path) -> Iterator[str]:
-    """Docstrings and comments."""
+    """Docstrings and comments; none of a file without such a word anywhere, for it takes long to take one apart."""
     text = path.read_text()
+    if AMERICAN.search(text) is None:
+        return
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             yield ast.get_docstring(node) or ""

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
+from coarse_grids import QUARTER_GRID
 from probes import probe_of
 from torchbrdf.alignment._search import RotationSearch, Summit, Trial
 from torchbrdf.alignment.alignment import CONFIDENT, EXPECTED, Alignment, align, dominated
@@ -63,10 +64,16 @@ def random_turn(seed: int) -> Tensor:
 
 
 class TestPerspective:
-    def test_a_ball_off_the_axis(self, aligned: Callable[..., Alignment], strangers: dict[str, MerlTable]) -> None:
+    def test_a_ball_off_the_axis(
+        self, tiny_tables: dict[str, MerlTable], strangers: dict[str, MerlTable], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         """The camera's frame is the probe's, wherever in it the ball is."""
+        for name, value in QUARTER_GRID.items():
+            monkeypatch.setattr(name, value)
+        names = ("red", "satin-0.35", "plastic-0.2", "plastic-0.1", "white")
+        library = MaterialLibrary.from_tables([tiny_tables[name] for name in names])
         view = SphereView(48, 8.0, (0.15, 0.1, -1.0))
-        found = aligned(tb.render(strangers["paint"], ROOM, view, 1024), view=view)
+        found = align(tb.render(strangers["paint"], ROOM, view, 1024), GIVEN, view, library)
         assert degrees_between(found.rotation, TURN) < 0.2
         assert found.confident
 

@@ -19,6 +19,7 @@ from torchbrdf.light.probe import LightProbe
 from torchbrdf.photograph.moving import MovingSilhouette
 from torchbrdf.photograph.observation import observe
 from torchbrdf.photograph.silhouette import Circle
+from torchbrdf.rendering.tables import render_tables
 from torchbrdf.view.normal_map import NormalMapView
 from torchbrdf.view.sphere import SphereView
 from turns import degrees_between, turn_about
@@ -38,9 +39,9 @@ def photographs(strangers: dict[str, MerlTable]) -> dict[str, Tensor]:
     generator = torch.Generator().manual_seed(2)
     fine = SphereView(192)
     inside = slice(20, 212), slice(24, 216)
-    found = {}
-    for name in ("paint", "brass", "clay"):
-        ball = tb.render(strangers[name], ROOM, fine, samples=64)
+    found, names = {}, ("paint", "brass", "clay")
+    balls = render_tables([strangers[name] for name in names], ROOM, fine, samples=64)
+    for name, ball in zip(names, balls, strict=True):
         coarse = ball[:, fine.mask[0]].mean() * (0.5 + torch.rand(1, 3, 9, 9, generator=generator))
         image = torch.nn.functional.interpolate(coarse, (236, 244), mode="bilinear")[0]
         image[:, *inside] = torch.where(fine.mask, ball, image[:, *inside])

@@ -113,7 +113,7 @@ def _integral(to: Tensor, first: Tensor, last: Tensor) -> Tensor:
 
 def _mixed(rows: Tensor, first: Tensor, stride: int, share: Tensor) -> Tensor:
     """Rows of a table at `first`, mixed with those a stride further."""
-    found = rows[first]
+    found = rows.index_select(0, first)
     if len(rows) == stride:
         return found
-    return found.lerp_(rows[first + stride], share[:, None])
+    return found.lerp_(rows.index_select(0, first + stride), share[:, None])

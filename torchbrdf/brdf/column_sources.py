@@ -1,6 +1,7 @@
 """Where the columns of B come from: MERL files, tables in memory, or the embedded library."""
 
 import hashlib
+import math
 import os
 import tempfile
 import warnings
@@ -39,7 +40,9 @@ class Extent:
     @classmethod
     def of(cls, table: MerlTable, said: tuple[str, ...] = ()) -> "Extent":
         """Of a table in memory."""
-        return cls(table.values[table.valid].amax(0), table.valid.reshape(N_CELLS), said)
+        unmeasured = ~table.valid
+        peak = [channel.masked_fill(unmeasured, -math.inf).amax() for channel in table.values.unbind(-1)]
+        return cls(torch.stack(peak), table.valid.reshape(N_CELLS), said)
 
 
 class ColumnSource(Protocol):

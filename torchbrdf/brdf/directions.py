@@ -50,12 +50,12 @@ def from_half_difference(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> tup
 
     Either direction may come out below the horizon (negative z): not every triple is a reflection.
     """
-    theta_h, theta_d, phi_d = torch.broadcast_tensors(theta_h, theta_d, phi_d)
     sin_h, cos_h = torch.sin(theta_h), torch.cos(theta_h)
     sin_d, cos_d = torch.sin(theta_d), torch.cos(theta_d)
     d_t, d_b = sin_d * torch.cos(phi_d), sin_d * torch.sin(phi_d)
 
     def to_surface(t: Tensor, b: Tensor) -> Tensor:
-        return torch.stack([t * cos_h + cos_d * sin_h, b, cos_d * cos_h - t * sin_h], dim=-1)
+        x, z = t * cos_h + cos_d * sin_h, cos_d * cos_h - t * sin_h
+        return torch.stack([x, b.expand_as(x), z], dim=-1)
 
     return to_surface(d_t, d_b), to_surface(-d_t, -d_b)

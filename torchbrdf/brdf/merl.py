@@ -86,8 +86,7 @@ class MerlTable:
         if not self.valid.any():
             raise ValueError(f"{self.name}: the table has no measured cell: all are negative or below the horizon")
         values = self.values.detach()
-        least, most = values.aminmax()
-        if float(least) >= -LARGEST and float(most) <= LARGEST:
+        if float(values.amin()) >= -LARGEST and float(values.amax()) <= LARGEST:
             return  # not so where there is a NaN
         measured = values[self.valid]
         unsound = int((~torch.isfinite(measured)).any(-1).sum())
@@ -123,10 +122,11 @@ class MerlTable:
         """
         path = Path(path)
         check_file(path)
-        stored = read_planes(path).T.reshape(*GRID, 3)
-        values = torch.from_numpy(stored * np.array(CHANNEL_SCALE))
+        stored = read_planes(path)
+        valid = (stored >= 0).all(0) | ~np.isfinite(stored).all(0)
+        values = torch.from_numpy(stored.T.reshape(*GRID, 3) * np.array(CHANNEL_SCALE))
         try:
-            return cls(values, torch.from_numpy((stored >= 0).all(-1) | ~np.isfinite(stored).all(-1)), path.stem)
+            return cls(values, torch.from_numpy(valid.reshape(GRID)), path.stem)
         except ValueError as error:
             problem = str(error).removeprefix(f"{path.stem}: ")
             raise ValueError(f"{path}: {problem}; {AGAIN}") from None

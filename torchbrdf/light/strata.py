@@ -192,10 +192,16 @@ def _draw(
     grid = torch.stack(torch.meshgrid(cell, cell, indexing="ij"), -1)
     u, v = ((grid + jitter) / SIDE).to(power.device).reshape(-1, 2).unbind(1)
     top, bottom, left, right = rectangles.repeat_interleave(SIDE * SIDE, 0).unbind(1)
-    rows = _summed(power)
-    row, v_rest = _find(lambda y: rows[y, right] - rows[y, left], top, bottom, u)
-    columns = torch.nn.functional.pad(power, (1, 0)).cumsum(1)
-    column, w_rest = _find(lambda x: columns[row, x], left, right, v)
+    width = power.shape[1] + 1
+    rows, columns = _summed(power).ravel(), torch.nn.functional.pad(power, (1, 0)).cumsum(1).ravel()
+
+    def above(y: Tensor) -> Tensor:
+        start = y * width
+        return rows.index_select(0, start + right) - rows.index_select(0, start + left)
+
+    row, v_rest = _find(above, top, bottom, u)
+    start = row * width
+    column, w_rest = _find(lambda x: columns.index_select(0, start + x), left, right, v)
     directions, density = tables.place(row, column, v_rest, w_rest)
     return directions.reshape(k, -1, 3), density.reshape(k, -1)
 
@@ -207,7 +213,7 @@ def _find(
     begin, end = cumulative(low), cumulative(high)
     target = begin + u * (end - begin)
     for _ in range(int((high - low).max()).bit_length()):
-        middle = (low + high) // 2
+        middle = (low + high) >> 1
         right = cumulative(middle) <= target
         low, high = torch.where(right, middle, low), torch.where(right, high, middle)
     begin, end = cumulative(low), cumulative(low + 1)

@@ -103,7 +103,7 @@ class Rays:
             likely = np.exp(gain - most)
             share = likely / (likely.mean(1, keepdims=True) + np.exp(-most))
             votes = np.log((1 - _OUTLIERS) * share + _OUTLIERS)
-            yield np.asarray(votes - votes.mean(1, keepdims=True), np.float64)
+            yield np.ascontiguousarray(votes - votes.mean(1, keepdims=True), np.float64)
 
     def _shown(self, offsets: np.ndarray, blur: float) -> np.ndarray:
         """(R, P, 4): constant and cosine inside an outline at each offset, constant and slope outside, blurred."""

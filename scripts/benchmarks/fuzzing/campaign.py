@@ -4,12 +4,13 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from multiprocessing import connection
+from multiprocessing import connection, forkserver
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,15 @@ _PRELOADED = (
     "scipy.spatial",
     "scipy.sparse.csgraph",
     "tqdm",
+    "torchbrdf.images.pictures",
+    "torchbrdf.images.masks",
+    "torchbrdf.light.probe",
+    "torchbrdf.view.normal_map",
+    "torchbrdf.brdf.merl",
+    "torchbrdf.transport.basis_images",
+    "fuzzing.worker",
 )
-"""Modules of others: the server that forks workers looks for modules in the current folder before all others."""
+"""What workers would else import one by one."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")  # a worker that ended is replaced at once
 
@@ -86,7 +94,7 @@ def run(
 
     advanced  is told how many inputs more were read
     """
-    _CONTEXT.set_forkserver_preload(list(_PRELOADED))
+    _start_server()
     waiting, running = deque(shares), list[_Run]()
     try:
         while waiting or running:
@@ -100,6 +108,22 @@ def run(
     finally:
         for one in running:
             one.close(tallies[one.share.reader])
+
+
+def _start_server() -> None:
+    """The process that forks workers, which finds modules where this one does: not first in the current folder."""
+    _CONTEXT.set_forkserver_preload(list(_PRELOADED))
+    places = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    before = {name: os.environ.get(name) for name in places}
+    os.environ.update(places)
+    try:
+        forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 class _Run:

@@ -100,6 +100,9 @@ class Disc:
         texels = torch.cat([image * inside, inside[None].to(image.dtype)]).reshape(channels + 1, -1).t().contiguous()
         limit = 1 - (self.layout.edge + math.sqrt(0.5)) / radius
 
+        def seen_at(places: Tensor) -> Tensor:
+            return texels.index_select(0, places.ravel()).unflatten(0, places.shape)
+
         def radiance_of(directions: Tensor) -> Tensor:
             uv = self.layout.coordinates(directions)
             uv = uv * (limit / torch.hypot(uv[..., 0], uv[..., 1]).clamp_min(limit))[..., None]
@@ -108,8 +111,8 @@ class Disc:
             column, row = right.floor().clamp(0, columns - 2), down.floor().clamp(0, rows - 2)
             s, t = (right - column)[..., None], (down - row)[..., None]
             first = row.long() * columns + column.long()
-            upper = torch.lerp(texels[first], texels[first + 1], s)
-            lower = torch.lerp(texels[first + columns], texels[first + columns + 1], s)
+            upper = torch.lerp(seen_at(first), seen_at(first + 1), s)
+            lower = torch.lerp(seen_at(first + columns), seen_at(first + columns + 1), s)
             found = torch.lerp(upper, lower, t)
             return found[..., :-1] / found[..., -1:]
 
