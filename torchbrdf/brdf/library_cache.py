@@ -31,7 +31,7 @@ FORMAT = 1
 MIXTURE = "mixture-"
 """How the folders begin of libraries of several folders or files."""
 
-_SECONDS = 0.2
+_SECONDS = 0.1
 """To convert a material, about."""
 
 _LONG = 5.0
