@@ -100,6 +100,7 @@ CALLS: dict[str, Callable[[Capture], Tensor]] = {
     "robust": lambda of: of.estimate(robust=True).image,
     "fixed penalty": lambda of: of.estimate(penalty="paper").weights,
     "energy": lambda of: of.estimate(constraint="energy", library=of.library).weights,
+    "lobes": lambda of: of.estimate(constraint="lobes", library=of.library).weights,
     "relative_error": lambda of: of.estimate().relative_error,
     "brdf": lambda of: of.result.brdf(of.library).values,
     "brdf_std": lambda of: of.result.brdf_std(of.library),

@@ -10,12 +10,23 @@ from program_oracles import another_order, relative, scipy_above, scipy_convex, 
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.brdf.merl import above_horizon
 from torchbrdf.estimation import constraints
-from torchbrdf.estimation.constraints import CONSTRAINTS, TOLERANCE, EnergyBounds, constrain
+from torchbrdf.estimation.constraints import CONSTRAINTS, TOLERANCE, Bounds, EnergyBounds, LobeBounds, constrain
 
 
 @pytest.fixture(scope="module")
 def bounds(tiny_library: MaterialLibrary) -> EnergyBounds:
     return tiny_bounds(tiny_library)
+
+
+@pytest.fixture(scope="module")
+def lobes(tiny_library: MaterialLibrary) -> LobeBounds:
+    return LobeBounds.of(tiny_library)
+
+
+@pytest.fixture(params=CONSTRAINTS)
+def constrained(request: pytest.FixtureRequest, bounds: EnergyBounds, lobes: LobeBounds) -> tuple[str, Bounds]:
+    """Every constraint, with bounds that it takes or does not look at."""
+    return request.param, lobes if request.param == "lobes" else bounds
 
 
 def posterior(
@@ -55,11 +66,11 @@ def posterior(
 
 
 @pytest.mark.parametrize("batch", [(), (4,), (2, 2)])
-@pytest.mark.parametrize("constraint", CONSTRAINTS)
 def test_each_photograph_and_channel_by_itself(
-    tiny_library: MaterialLibrary, bounds: EnergyBounds, constraint: str, batch: tuple[int, ...]
+    tiny_library: MaterialLibrary, constrained: tuple[str, Bounds], batch: tuple[int, ...]
 ):
     """Shapes, feasibility, and the batch against single photographs with a precision of their own."""
+    constraint, bounds = constrained
     mean, precision = posterior(tiny_library, batch)
     found = constrain(mean, precision, constraint, bounds)
     assert found.weights.shape == mean.shape
@@ -70,14 +81,17 @@ def test_each_photograph_and_channel_by_itself(
     own = constrain(mean, precision.expand(*mean.shape, 30), constraint, bounds)
     assert relative(own.weights, found.weights) < 1e-4
     last = constrain(flat[-1], precision, constraint, bounds)
-    if constraint == "energy":
+    if constraint in ("energy", "lobes"):
         assert relative(last.weights, expected[-1]) < 1e-4
     else:
         for w, single, point, h in zip(expected[-1], last.weights, flat[-1], precision, strict=True):
             assert float((single - w).norm()) <= another_order(point, h, w)
     if constraint == "convex":
         assert torch.allclose(found.weights.sum(-1), torch.ones(mean.shape[:-1], dtype=torch.float64))
-    if constraint != "energy":
+    if isinstance(bounds, LobeBounds):
+        falls, size = (w @ bounds.rows.mT for w in (expected, expected.abs()))
+        assert (falls >= -TOLERANCE * size).all()
+    elif constraint != "energy":
         assert (found.weights >= 0).all()
 
 
@@ -110,6 +124,15 @@ def test_energy_agrees_with_oracles(tiny_library: MaterialLibrary, bounds: Energ
     highest = (weights @ bounds.albedo.mT).amax(-1)
     assert (highest <= 1 + 1e-9).all()
     assert (highest > 1 - 1e-9).any() == (brightness > 1)
+
+
+def test_lobes_agree_with_scipy(tiny_library: MaterialLibrary, lobes: LobeBounds):
+    mean, precision = posterior(tiny_library, noisy=0.5)
+    found = constrain(mean, precision, "lobes", lobes).weights
+    assert (lobes.rows @ mean.mT < 0).any(0).all()
+    rows = lobes.rows[(lobes.rows != 0).any(-1)]
+    for s in range(3):
+        assert relative(found[s], scipy_above(mean[s], precision[s], rows, torch.zeros(len(rows)).double())) < 1e-6
 
 
 def test_energy_on_ten_materials_of_the_default_library(default_library: MaterialLibrary):
@@ -173,9 +196,9 @@ def test_a_class_of_some_columns(tiny_library: MaterialLibrary, bounds: EnergyBo
     assert found.optimality.max() < TOLERANCE
 
 
-@pytest.mark.parametrize("constraint", CONSTRAINTS)
-def test_gradients(tiny_library: MaterialLibrary, bounds: EnergyBounds, constraint: str):
+def test_gradients(tiny_library: MaterialLibrary, constrained: tuple[str, Bounds]):
     """Along random directions of mean and precision, against differences."""
+    constraint, bounds = constrained
     mean, precision = posterior(tiny_library, penalty=1e-3, brightness=0.1)
     g = torch.Generator().manual_seed(7)
     toward = torch.randn(3, 30, generator=g, dtype=torch.float64) * mean.abs()
@@ -194,9 +217,9 @@ def test_gradients(tiny_library: MaterialLibrary, bounds: EnergyBounds, constrai
     assert float(slope) == pytest.approx(float(difference), rel=2e-4)
 
 
-@pytest.mark.parametrize("constraint", CONSTRAINTS)
-def test_degenerate_input_stays_finite(tiny_library: MaterialLibrary, bounds: EnergyBounds, constraint: str):
+def test_degenerate_input_stays_finite(tiny_library: MaterialLibrary, constrained: tuple[str, Bounds]):
     """A channel of zeros, one with every weight negative, duplicate columns; backward too."""
+    constraint, bounds = constrained
     members = torch.tensor([0, 0, 3, 3, 3, 12, 20, 29])
     mean, precision = posterior(tiny_library)
     precision = precision[:, members][:, :, members]
@@ -252,12 +275,11 @@ def test_an_optimum_at_zero(tiny_library: MaterialLibrary, bounds: EnergyBounds)
     assert (found.iterations > 0).all()
 
 
-def test_no_warning_otherwise(tiny_library: MaterialLibrary, bounds: EnergyBounds):
+def test_no_warning_otherwise(tiny_library: MaterialLibrary, constrained: tuple[str, Bounds]):
     mean, precision = posterior(tiny_library)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for constraint in CONSTRAINTS:
-            constrain(mean, precision, constraint, bounds)
+        constrain(mean, precision, *constrained)
 
 
 def test_bad_input(tiny_library: MaterialLibrary, bounds: EnergyBounds):
@@ -267,7 +289,7 @@ def test_bad_input(tiny_library: MaterialLibrary, bounds: EnergyBounds):
     indefinite = precision.clone()
     indefinite[2, 0, 1] = indefinite[2, 1, 0] = 10 * precision[2].amax()
     cases = [
-        ((mean, precision, "positive"), "constraint must be one of nonnegative, convex, energy, got 'positive'"),
+        ((mean, precision, "positive"), "constraint must be one of nonnegative, convex, energy, lobes, got 'positive'"),
         ((mean[:2], precision, "convex"), "mean must be (*batch, 3, c), got (2, 30)"),
         (
             (mean, precision[:, :9], "convex"),
@@ -275,8 +297,9 @@ def test_bad_input(tiny_library: MaterialLibrary, bounds: EnergyBounds):
         ),
         ((broken, precision, "convex"), "mean and precision must be finite"),
         ((mean, singular, "convex"), "precision must be positive definite, its diagonal is not"),
-        ((mean, indefinite, "energy", bounds), "precision must be positive definite for the energy constraint"),
+        ((mean, indefinite, "energy", bounds), "precision must be positive definite for rows of bounds"),
         ((mean, precision, "energy"), "pass EnergyBounds.of(library)"),
+        ((mean, precision, "lobes", bounds), 'constraint "lobes" needs bounds; pass LobeBounds.of(library)'),
         ((mean, precision, "energy", bounds.select(torch.arange(5))), "bounds are for 5 weights, mean has 30"),
     ]
     for arguments, message in cases:

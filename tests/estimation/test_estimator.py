@@ -729,14 +729,15 @@ class TestModule:
 
     def test_unknown_constraint(self, basis: BasisImages):
         with pytest.raises(
-            ValueError, match="constraint must be None or one of nonnegative, convex, energy, got 'sum'"
+            ValueError, match="constraint must be None or one of nonnegative, convex, energy, lobes, got 'sum'"
         ):
             BRDFEstimator(basis, classes_of(), constraint="sum")
 
-    def test_energy_needs_the_library(self, basis: BasisImages, tiny_library: MaterialLibrary):
+    @pytest.mark.parametrize("constraint", ["energy", "lobes"])
+    def test_bounds_need_the_library(self, basis: BasisImages, tiny_library: MaterialLibrary, constraint: str):
         for library in (None, tiny_library):
-            with pytest.raises(ValueError, match='constraint "energy" needs the library of the basis images'):
-                BRDFEstimator(basis, classes_of(), constraint="energy", library=library)
+            with pytest.raises(ValueError, match=f'constraint "{constraint}" needs the library of the basis images'):
+                BRDFEstimator(basis, classes_of(), constraint=constraint, library=library)
 
     def test_no_basis_at_all(self):
         with pytest.raises(ValueError, match="basis is an empty sequence; give the basis images of each photograph"):

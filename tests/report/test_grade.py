@@ -46,5 +46,5 @@ def test_what_was_tried_is_not_recommended():
         "Mask reflections of things near by, or check that the probe is of the photograph's room, and `--fov` that of "
         "its camera."
     )
-    assert sentence("clamped", []).endswith("fit again with `--constraint energy`.")
-    assert sentence("clamped", ["--constraint energy"]) == ""
+    assert sentence("clamped", []).endswith("fit again with `--constraint lobes`.")
+    assert sentence("clamped", ["--constraint lobes"]) == ""

@@ -29,7 +29,8 @@ _PENALTY_HELP = (
     f'"auto" weighs the priors by their evidence; "paper" (0.5) or a number >= 0; default: {DEFAULT_PENALTY}'
 )
 _CONSTRAINT_HELP = (
-    "nonnegative weights; convex: they also sum to 1; energy: a BRDF >= 0 that reflects no more than it gets"
+    "nonnegative weights; convex: they also sum to 1; energy: a BRDF >= 0 that reflects no more than it gets; lobes: "
+    "highlights without rings and holes"
 )
 
 

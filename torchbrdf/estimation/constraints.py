@@ -9,9 +9,11 @@ with the mean of the unconstrained solve: the photograph enters only there. The 
     "nonnegative"  w >= 0
     "convex"       w >= 0 and sum w = 1: a weighted average of the library's columns
     "energy"       B w >= 0 in every measured cell above the horizon, and directional albedo <= 1 at every view angle
+    "lobes"        B w >= 0 and falling within 4 degrees of the middle of highlights, see `lobe_bounds`
 
-The first has no scale: a mean twice as large gives weights twice as large. The convex set and the bound of the albedo
-are physical: they hold in the units of the library, so the exposure of the photograph and of the probe must agree.
+The first and the last have no scale: a mean twice as large gives weights twice as large. The convex set and the bound
+of the albedo are physical: they hold in the units of the library, so the exposure of the photograph and of the probe
+must agree.
 """
 
 import warnings
@@ -21,8 +23,9 @@ import torch
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
-from torchbrdf.brdf import GRID, ROW_CELLS
+from torchbrdf.brdf import GRID, ROW_CELLS, MaterialLibrary
 from torchbrdf.estimation.energy_bounds import EnergyBounds, depth_below_zero
+from torchbrdf.estimation.lobe_bounds import LobeBounds
 from torchbrdf.estimation.settings import CONSTRAINTS, Constraint
 from torchbrdf.estimation.solvers import kkt_residual, project_above, project_nonnegative
 
@@ -49,6 +52,19 @@ _SCANS, _SETTLES = 60, 400
 """Looks at all cells, and at the pool between two of them, before `constrain` gives up and says so."""
 
 
+Bounds = EnergyBounds | LobeBounds
+_BOUNDS: dict[str, type[Bounds]] = {"energy": EnergyBounds, "lobes": LobeBounds}
+
+
+def bounds_of(constraint: Constraint | None, library: MaterialLibrary | None) -> Bounds | None:
+    """What a constraint needs of a library: nothing, or its bounds. Raises ValueError where there is no library."""
+    if constraint not in _BOUNDS:
+        return None
+    if library is None:
+        raise ValueError(f'constraint "{constraint}" needs the library of the basis images: library=...')
+    return _BOUNDS[constraint].of(library)
+
+
 @dataclass(frozen=True)
 class Constrained:
     """The constrained weights of photographs.
@@ -65,14 +81,14 @@ class Constrained:
 
 
 def constrain(
-    mean: Tensor, precision: Tensor, constraint: Constraint, bounds: EnergyBounds | None = None
+    mean: Tensor, precision: Tensor, constraint: Constraint, bounds: Bounds | None = None
 ) -> Constrained:
     """The feasible weights nearest to the posterior mean in the metric of the posterior precision.
 
     mean        (*batch, 3, c)                         posterior mean of each colour channel
     precision   (3, c, c) or (*batch, 3, c, c)         its precision H, symmetric positive definite
-    constraint  "nonnegative", "convex" or "energy"    see the top of this module
-    bounds      the library's bounds, for "energy"; for c of its columns use `EnergyBounds.select`
+    constraint  "nonnegative", "convex", "energy" or "lobes"    see the top of this module
+    bounds      the library's, see `bounds_of`; for c of its columns use their `select`
     returns     see Constrained. A mean that is feasible comes back as it is.
 
     Works in float64. Weights have gradients to mean and precision: those of the linear solve on the final active set.
@@ -88,9 +104,10 @@ def constrain(
     else:
         precision = precision.expand(*shape[:-1], c, c).reshape(-1, c, c)
         group = torch.arange(len(points), device=mean.device)
-    if constraint == "energy":
-        assert bounds is not None
+    if isinstance(bounds, EnergyBounds) and constraint == "energy":
         weights, optimality, iterations = _within_energy(points, precision, group, bounds)
+    elif isinstance(bounds, LobeBounds) and constraint == "lobes":
+        weights, optimality, iterations = _above(bounds.rows.to(points.device), points, precision, group)
     else:
         convex = constraint == "convex"
         weights, iterations = project_nonnegative(points, precision, group, convex)
@@ -100,7 +117,7 @@ def constrain(
     return Constrained(weights.reshape(shape), optimality.reshape(shape[:-1]), iterations.reshape(shape[:-1]))
 
 
-def _check(mean: Tensor, precision: Tensor, constraint: str, bounds: EnergyBounds | None) -> None:
+def _check(mean: Tensor, precision: Tensor, constraint: str, bounds: Bounds | None) -> None:
     if constraint not in CONSTRAINTS:
         raise ValueError(f"constraint must be one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
     if mean.ndim < 2 or mean.shape[-2] != 3 or mean.shape[-1] < 1:
@@ -114,11 +131,13 @@ def _check(mean: Tensor, precision: Tensor, constraint: str, bounds: EnergyBound
         raise ValueError("mean and precision must be finite; check the photograph and the basis images for NaN")
     if not (precision.diagonal(dim1=-2, dim2=-1) > 0).all():
         raise ValueError("precision must be positive definite, its diagonal is not; the penalty must be above 0")
-    if constraint == "energy":
-        if bounds is None:
-            raise ValueError('constraint "energy" needs bounds; pass EnergyBounds.of(library)')
-        if len(bounds.columns) != c:
-            raise ValueError(f"bounds are for {len(bounds.columns)} weights, mean has {c}; use bounds.select(members)")
+    wanted = _BOUNDS.get(constraint)
+    if wanted is not None:
+        if not isinstance(bounds, wanted):
+            raise ValueError(f'constraint "{constraint}" needs bounds; pass {wanted.__name__}.of(library)')
+        columns = len(bounds.columns) if isinstance(bounds, EnergyBounds) else bounds.rows.shape[1]
+        if columns != c:
+            raise ValueError(f"bounds are for {columns} weights, mean has {c}; use bounds.select(members)")
 
 
 def _warn(constraint: str, optimality: Tensor) -> None:
@@ -136,9 +155,7 @@ def _within_energy(
     mean: Tensor, precision: Tensor, group: Tensor, bounds: EnergyBounds
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Generation of constraints: solve with few cells, add the most negative ones, repeat."""
-    factor, info = torch.linalg.cholesky_ex(precision)
-    if info.any():
-        raise ValueError("precision must be positive definite for the energy constraint; the penalty must be larger")
+    factor = _factor(precision)
     with torch.no_grad():
         work = _WorkingRows(bounds, mean, precision, factor, group)
         depth = work.generate()
@@ -154,6 +171,24 @@ def _within_energy(
     with torch.no_grad():
         residual = kkt_residual(mean, precision, group, weights, multipliers, rows, limits)
     return weights, torch.maximum(residual, depth), work.iterations
+
+
+def _above(rows: Tensor, mean: Tensor, precision: Tensor, group: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Few rows A w >= 0, all of them at once; those of 0, as of matte columns, say nothing."""
+    rows = rows[(rows != 0).any(-1)]
+    limits = rows.new_zeros(len(rows))
+    weights, multipliers, iterations = project_above(mean, _factor(precision), group, rows, limits)
+    weights = weights * (weights.abs() > _NOTHING * mean.abs())  # a row may be of one column, and be met at 0
+    with torch.no_grad():
+        residual = kkt_residual(mean, precision, group, weights, multipliers, rows, limits)
+    return weights, residual, iterations
+
+
+def _factor(precision: Tensor) -> Tensor:
+    factor, info = torch.linalg.cholesky_ex(precision)
+    if info.any():
+        raise ValueError("precision must be positive definite for rows of bounds; the penalty must be larger")
+    return factor
 
 
 def _above_rounding(weights: Tensor, mean: Tensor, precision: Tensor) -> Tensor:

@@ -12,13 +12,12 @@ from torch import Tensor
 from torchbrdf.arguments import several
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
-from torchbrdf.estimation.constraints import constrain
-from torchbrdf.estimation.energy_bounds import EnergyBounds
+from torchbrdf.estimation.constraints import bounds_of, constrain
 from torchbrdf.estimation.image_space import ImageSpace
 from torchbrdf.estimation.masked_photographs import check_observation, groups_by_mask
 from torchbrdf.estimation.observability import Observability, observability
-from torchbrdf.estimation.posterior import PosteriorBatch
-from torchbrdf.estimation.priors import PriorBank, prior_variances
+from torchbrdf.estimation.posterior import Moments, PosteriorBatch
+from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances
 from torchbrdf.estimation.reconstruction import Reconstruction
 from torchbrdf.estimation.rehearsal import Rehearsal, rehearse
 from torchbrdf.estimation.settings import CONSTRAINTS, DEFAULT_PENALTY, PAPER_PENALTY, Constraint, Penalty
@@ -49,8 +48,8 @@ class BRDFEstimator(SharedBuffers):
                 itself [CBP21, eq. 25]
     solver      for a fixed penalty. "factored": singular values and vectors of every class's basis images, computed at
                 the first photograph and used for all; "lstsq": `torch.linalg.lstsq` on the augmented system, every time
-    constraint  None, "nonnegative", "convex" or "energy", see `constraints`
-    library     the material library, for "energy" only
+    constraint  None, "nonnegative", "convex", "energy" or "lobes", see `constraints`
+    library     the material library, for "energy" and "lobes" only
     robust      leave out pixels that do not fit, such as saturated and dead ones
 
     With a fixed penalty it minimises |Y w - y|^2 + lambda_j |w - mu'_j|^2 for each class and colour channel (eq. 26
@@ -91,8 +90,7 @@ class BRDFEstimator(SharedBuffers):
         if constraint is not None and constraint not in CONSTRAINTS:
             raise ValueError(f"constraint must be None or one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
         origin = (library.source, library.names) if isinstance(library, MaterialLibrary) else None
-        if constraint == "energy" and origin != (classes.library, classes.names):
-            raise ValueError('constraint "energy" needs the library of the basis images: library=...')
+        self._bounds = bounds_of(constraint, library if origin == (classes.library, classes.names) else None)
         if solver == "lstsq" and (penalty == "auto" or constraint is not None):
             raise ValueError('solver "lstsq" is for a fixed penalty without constraint; leave it out')
         self.penalty, self.solver, self.constraint, self.robust = penalty, solver, constraint, robust
@@ -103,7 +101,6 @@ class BRDFEstimator(SharedBuffers):
         self.register_buffer("packed", bases[0].packed if len(bases) == 1 else torch.cat([b.packed for b in bases], -1))
         for i, one in enumerate(bases):
             self.register_buffer(f"mask_{i}", one.mask)
-        self._bounds = EnergyBounds.of(library) if constraint == "energy" and library is not None else None
         self._factors: LastMade[list[GramFactor]] = LastMade()
         self._bank: LastMade[PriorBank] = LastMade()
         self._masked_bank: tuple[PriorBank, Tensor, PriorBank] | None = None
@@ -263,7 +260,7 @@ class BRDFEstimator(SharedBuffers):
         weights, class_weights = found.mean_and_first(k)
         optimality = weights.new_zeros(len(weights), 3)
         if self.constraint is not None and len(weights):
-            closest = constrain(weights, found.precision(found.shares), self.constraint, self._bounds)
+            closest = constrain(weights, self._metric(found), self.constraint, self._bounds)
             weights, optimality = closest.weights, closest.optimality
         fitted = (bank if whole else self.bank).space.render(weights, y.dtype)
         residual = y - fitted if whole else (y - fitted)[..., used]
@@ -278,6 +275,16 @@ class BRDFEstimator(SharedBuffers):
             optimality=optimality,
             evidence=found.detach(),
         )
+
+    def _metric(self, found: Explanation) -> Tensor:
+        """(B, 3, n, n): the precision in which constrained weights are nearest to the mean.
+
+        Of highlights photographs tell too little for less than the posterior itself, a tenth of a second each.
+        """
+        if self.constraint != "lobes":
+            return found.precision(found.shares)
+        each = (Moments.of(found, shares, row) for row, shares in enumerate(found.shares))
+        return torch.stack([moments.precision for moments in each])
 
     @lasting
     def _bank_of(self, used: Tensor) -> PriorBank:

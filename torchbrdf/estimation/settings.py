@@ -8,7 +8,7 @@ PAPER_PENALTY = 0.5
 Penalty = Literal["auto", "paper"] | float
 DEFAULT_PENALTY: Penalty = "auto"
 
-Constraint = Literal["nonnegative", "convex", "energy"]
+Constraint = Literal["nonnegative", "convex", "energy", "lobes"]
 CONSTRAINTS: tuple[Constraint, ...] = get_args(Constraint)
 
 N_CLASSES = 4

@@ -226,13 +226,13 @@ ADVICE: dict[Topic, Advice] = {
     "clamped": Advice(
         "Negative values were cut off",
         (
-            "if black spots or rings show under directional lights, fit again with `--constraint energy`",
+            "if black spots or rings show under directional lights, fit again with `--constraint lobes`",
         ),
         "A combination of measured BRDFs with weights of both signs can be negative in some cells, which no "
         "material is. They are set to zero. That changes nothing where the photograph looks, and may leave dark "
         "spots or rings elsewhere.",
-        "Look for black spots and rings in the pictures under directional lights. `--constraint energy` finds the "
-        "nearest BRDF that is nowhere negative; on average it is neither nearer to the truth nor further from it.",
+        "Look for black spots and rings in the pictures under directional lights. `--constraint lobes` finds the "
+        "nearest BRDF whose highlights have none; `--constraint energy` one that is nowhere negative.",
         "constraints.md#when-each-helps",
         "Constraints: when each helps",
     ),

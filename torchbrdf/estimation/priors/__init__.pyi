@@ -1,4 +1,5 @@
 from .bank import (
+    SMALLEST_VARIANCE as SMALLEST_VARIANCE,
     Explanation as Explanation,
     PriorBank as PriorBank,
     redundancy as redundancy,
