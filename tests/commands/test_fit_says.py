@@ -115,7 +115,7 @@ def test_a_name_to_leave_out_that_the_library_lacks(fit, photo):
     status, _, errors = fit(photo, "--mask", photo.parent / "mask.png", "--without", "gold-3")
     assert status == 2
     (line,) = errors
-    assert "no material 'gold-3' in this library of 8; did you mean gold-0.3" in line
+    assert "no material 'gold-3' in this library of 8 (did you mean gold-0.3?)" in line
 
 
 def test_every_warning_of_the_report_is_said(fit, photo, reports):
