@@ -65,10 +65,16 @@ NOT_TOLD = "How glossy it is, this photograph does not tell"
 
 
 def said_of(table, highlight, of_highlight, of_top=0.0):
-    """The sentence where the highlight is so much brighter, to a share of that, and its top is known to a share."""
+    """The sentence where the highlight is so much brighter, to a share of that, and its top is known to a share.
+
+    of_top  of all cells, or of the first cells one by one, the others being known
+    """
+    curve = theta_h_curve(table)
+    shares = torch.zeros(90)
+    shares[: len(of_top) if isinstance(of_top, list) else 90] = torch.tensor(of_top)
     spread = SimpleNamespace(
         highlight=torch.tensor([[highlight], [of_highlight * highlight]]).expand(2, 3),
-        curve=torch.full((90, 3), of_top * float(theta_h_curve(table)[0].mean())),
+        curve=(shares * float(curve[0].mean()))[:, None].expand(90, 3),
     )
     return _gloss(SimpleNamespace(spread=spread, found=SimpleNamespace(table=table)), gloss_of(table))
 
@@ -81,10 +87,22 @@ def test_a_highlight_that_may_as_well_be_none_is_not_described(tiny_tables):
     assert _gloss(SimpleNamespace(spread=None), gloss_of(gold)) == str(gloss_of(gold))
 
 
-def test_a_highlight_whose_top_alone_is_not_told_is_described(tiny_tables):
+def test_a_highlight_whose_top_alone_is_not_told_is_described_without_it(tiny_tables):
+    """A spike that the photograph does not tell makes no soft highlight a sharp one."""
     gold = tiny_tables["gold-0.3"]
+    values = gold.values.clone()
+    values[:3] *= torch.tensor([50.0, 9.0, 0.0])[:, None, None, None]
+    spiked = MerlTable(values, gold.valid)
+    assert "sharp" in str(gloss_of(spiked))
     of_top = "; how bright in its very middle, this photograph does not tell"
-    assert said_of(gold, 1.0, 0.1, 0.7) == f"{gloss_of(gold)}{of_top}"
+    said = said_of(spiked, 1.0, 0.1, [1.0, 1.0, 1.0, 0.0])
+    assert said == f"{gloss_of(gold, 3)}{of_top}"
+    assert gloss_of(gold, 3).width == pytest.approx(gloss_of(gold).width, rel=0.05)
+
+
+def test_a_highlight_of_which_only_its_mean_is_told(tiny_tables):
+    gold = tiny_tables["gold-0.3"]
+    assert said_of(gold, 1.0, 0.1, 0.7) == "Glossy; how sharp its highlight is, this photograph does not tell"
     assert said_of(gold, 1.0, 0.1, 0.5) == str(gloss_of(gold))
 
 

@@ -85,14 +85,18 @@ def most_alike(fitted: Tensor, used: Tensor, exposure: float, basis: BasisImages
     return [Alike(basis.names[i], float(gaps[i]), basis.unpack(images[i]).cpu()) for i in nearest]
 
 
-def gloss_of(table: MerlTable) -> Gloss:
-    """How glossy a BRDF is, from one row of its table."""
+def gloss_of(table: MerlTable, first: int = 0) -> Gloss:
+    """How glossy a BRDF is, from one row of its table, as if a highlight were as bright in its middle as in `first`.
+
+    first  the first cell in theta_h of which the table tells
+    """
     curve = table.filled.reshape(*GRID, 3)[:, _THETA_D].double().mean(1).cpu().numpy()
     theta_h = np.degrees(cell_centres()[0].ravel().numpy())
     flat = (theta_h > BESIDE_DEG[0]) & (theta_h < BESIDE_DEG[1])
     beside = np.median(curve[flat], axis=0)
     bright = curve @ np.asarray(LUMINANCE)
-    rest, peak = float(np.median(bright[flat])), float(bright[:PEAK].mean())
+    rest, peak = float(np.median(bright[flat])), float(bright[first:][:PEAK].mean())
+    bright[:first] = max(peak, bright[first])
     half = rest + (peak - rest) / 2
     below = np.flatnonzero(bright <= half)
     width = 90.0

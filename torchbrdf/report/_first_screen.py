@@ -4,7 +4,9 @@ from collections.abc import Collection, Sequence
 from html import escape
 from math import pi
 
+import numpy as np
 import torch
+from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from torchbrdf.estimation import Gap
@@ -125,9 +127,18 @@ def _gloss(evidence: Evidence, gloss: Gloss) -> str:
     least = sum(gloss.beside) / (3 * pi) if gloss.matt else brighter
     if NINETY * deviation > least:
         return "How glossy it is, this photograph does not tell"
-    top = theta_h_curve(evidence.found.table)[:PEAK].mean()
-    sure = gloss.matt or NINETY * float(spread.curve[:PEAK].mean()) <= top
-    return f"{gloss}{'' if sure else '; how bright in its very middle, this photograph does not tell'}"
+    if gloss.matt or (first := _first_told(theta_h_curve(evidence.found.table), spread.curve)) == 0:
+        return str(gloss)
+    if first is None:
+        return "Glossy; how sharp its highlight is, this photograph does not tell"
+    return f"{gloss_of(evidence.found.table, first)}; how bright in its very middle, this photograph does not tell"
+
+
+def _first_told(curve: np.ndarray, deviation: Tensor) -> int | None:
+    """The first cell of a curve (90, 3) over theta_h from which on its deviation tells it; None where none does."""
+    f_r, most = (torch.as_tensor(one).double().mean(1).unfold(0, PEAK, 1).mean(1) for one in (curve, deviation))
+    told = torch.nonzero(NINETY * most <= f_r)
+    return int(told[0]) if len(told) else None
 
 
 def _like(difference: float) -> str:
