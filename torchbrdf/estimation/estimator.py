@@ -89,10 +89,10 @@ class BRDFEstimator(SharedBuffers):
             raise ValueError(f'solver must be "factored" or "lstsq", got {solver!r}')
         if constraint is not None and constraint not in CONSTRAINTS:
             raise ValueError(f"constraint must be None or one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-        origin = (library.source, library.names) if isinstance(library, MaterialLibrary) else None
-        self._bounds = bounds_of(constraint, library if origin == (classes.library, classes.names) else None)
         if solver == "lstsq" and (penalty == "auto" or constraint is not None):
             raise ValueError('solver "lstsq" is for a fixed penalty without constraint; leave it out')
+        origin = (library.source, library.names) if isinstance(library, MaterialLibrary) else None
+        self._bounds = bounds_of(constraint, library if origin == (classes.library, classes.names) else None)
         self.penalty, self.solver, self.constraint, self.robust = penalty, solver, constraint, robust
         self.names, self.library = bases[0].names, bases[0].library
         self.probe, self.view = (" ".join(getattr(one, key) for one in bases) for key in ("probe", "view"))
