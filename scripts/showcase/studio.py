@@ -5,6 +5,7 @@ mirrored; two strips behind the ball are seen only at grazing angles.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from math import cos, radians
 
 import torch
@@ -37,8 +38,9 @@ _BOXES = (
 _BULB, _BULB_DEG, _BULB_RADIANCE = (0.62, 0.42, 0.76), 2.0, (600.0, 570.0, 530.0)
 
 
+@cache
 def studio(height: int = 256) -> tb.LightProbe:
-    """The light, with so many rows."""
+    """The light, with so many rows; made once."""
     return tb.LightProbe(area_mean(_radiance, height, 2 * height, _SUPERSAMPLING), name="gallery studio")
 
 

@@ -336,7 +336,7 @@ def glb_text(path: Path) -> bytes:
 def test_uncertainty_of_a_photograph_weighs_the_cells(capsys, tmp_path, photo, light, tiny_library, monkeypatch):
     monkeypatch.setattr("torchbrdf.commands._results.write_report", lambda *_, **__: [])  # which takes longest
     out = tmp_path / "result"
-    monkeypatch.setattr("torchbrdf.commands._inputs.open_library", lambda _: tiny_library)
+    monkeypatch.setattr("torchbrdf.commands._lit_sight.open_library", lambda _: tiny_library)
     fit = ["fit", str(photo), "--probe", str(light), "-o", str(out)]
     assert main([*fit, "--uncertainty"]) == 0
     assert f"wrote {out}/brdf_std.binary, brdf.binary, weights.json" in capsys.readouterr().out

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from coarse_grids import HALF_GRID
 from materials import TINY_MATERIALS, lambert
 from probes import lamps, probe_of, relative
 from torchbrdf.brdf.directions import half_difference
@@ -40,10 +41,13 @@ def swirl(sign: float) -> Callable[[Tensor, Tensor], Tensor]:
 
 @pytest.fixture(scope="module")
 def library() -> MaterialLibrary:
-    """Matte, glossy, close to a mirror, and two mirror images of each other; precomputed on first use, 10 s."""
+    """Matte, glossy, close to a mirror, and two mirror images of each other; precomputed on first use."""
     functions = {"matte": lambert(*ALBEDO), "swirl": swirl(1), "counter": swirl(-1)}
     functions |= {name: TINY_MATERIALS[name] for name in ("satin-0.35", "copper-0.08")}
-    return MaterialLibrary.from_tables([MerlTable.from_function(f_r, name) for name, f_r in functions.items()])
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in HALF_GRID.items():
+            patch.setattr(name, value)
+        yield MaterialLibrary.from_tables([MerlTable.from_function(f_r, name) for name, f_r in functions.items()])
 
 
 def harmonic(library: MaterialLibrary, probe: LightProbe, view: View = SPHERE) -> BasisImages:
