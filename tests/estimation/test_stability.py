@@ -513,7 +513,7 @@ class TestGradients:
             return result.weights, result.class_weights, result.class_errors, result.relative_error, result.image
 
         image = case.image[lit].clone().requires_grad_()
-        assert torch.autograd.gradcheck(outputs, image, atol=1e-5, rtol=1e-3)
+        assert torch.autograd.gradcheck(outputs, image, atol=1e-5, rtol=1e-3, fast_mode=True)
 
 
 def resident() -> int:
@@ -533,7 +533,7 @@ class TestRepeatedCalls:
         return estimator, images, masks
 
     @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="reads /proc/self/statm, needs glibc's malloc_trim")
-    def test_five_thousand_calls_need_no_more_memory(self, smallest):
+    def test_thousands_of_calls_need_no_more_memory(self, smallest):
         """Every fifth with another mask, every tenth with a gradient. 128 bytes a call would show."""
         estimator, images, masks = smallest
 
@@ -545,12 +545,12 @@ class TestRepeatedCalls:
             else:
                 estimator(image, masks[i] if i % 5 == 1 else None)
 
-        for i in range(1_000):
+        for i in range(500):
             call(i)
         before = resident()
-        for i in range(1_000, 5_000):
+        for i in range(500, 2_500):
             call(i)
-        assert resident() - before < 5e5
+        assert resident() - before < 2.5e5
 
     def test_no_python_object_stays(self, smallest):
         estimator, images, masks = smallest
