@@ -245,9 +245,9 @@ ADVICE: dict[Topic, Advice] = {
         "about the mirror direction is made of it leaves open, and a combination of sharper materials with weights of "
         "both signs may be darker there than beside it, or black. Pictures under a probe do not show it. Under a point "
         "light it is a dark spot in a bright ring.",
-        "`--constraint lobes` finds the nearest BRDF whose highlights fall off from their middle. Its tables of "
-        "measured materials are nearer to the truth there, its pictures as good; of materials like the library's own "
-        "they are a little worse. A photograph under smaller lamps, with more pixels, tells more of the middle.",
+        "`--constraint lobes` finds the nearest BRDF whose highlights fall off from their middle. Its tables "
+        "are nearer to measured ones there, and its pictures as good. A photograph under smaller lamps, with more "
+        "pixels, tells more of the middle.",
         "constraints.md#highlights",
         "Constraints: highlights",
     ),
