@@ -7,9 +7,10 @@
 Every measured material, photographed under every probe with 1 % noise, is recovered without its family, with each
 constraint. Its table is compared with the measured one in cells of theta_h up to 7 degrees, theta_d up to 75: the mean
 of |log10((f_r + c) / (measured + c))| with c = 0.01 / sr, and the shares of cells that are more than three times too
-bright ("spikes") and too dark ("holes"), within 1.3 degrees of the middle. Pictures: relative RMS error of Y w under
-the other probes. Seconds: of the estimate, by photograph. A second table has the same errors of pictures for every
-fourth material of the library itself, left out with its family.
+bright ("spikes") and too dark ("holes"), within 1.3 degrees of the middle. "Dark": tables of which a report says that
+they are dark in the middle of highlights. Pictures: relative RMS error of Y w under the other probes. Seconds: of the
+estimate, by photograph. A second table has the same errors of pictures for every fourth material of the library itself,
+left out with its family.
 """
 
 import argparse
@@ -38,6 +39,7 @@ from torchbrdf.experiments import (
     read_targets,
     relatives,
 )
+from torchbrdf.report.doubts import DARK_MIDDLE, darkest_middle
 
 THETA_H = torch.arange(25)
 """Cells: the i-th lies at (i + 1/2)^2 / 90 degrees."""
@@ -56,12 +58,13 @@ STEP = 4
 
 @dataclass(frozen=True)
 class Found:
-    """Errors of one material under one probe with one constraint."""
+    """Errors of one material under one probe with one constraint; dark: whether the report says so."""
 
     middle: float
     beside: float
     spikes: float
     holes: float
+    dark: bool
     pictures: float
     seconds: float
 
@@ -75,7 +78,8 @@ def judged(found: tb.MerlTable, measured: Tensor, pictures: float, seconds: floa
     off = torch.log10((lobes_of(found) + FLOOR) / (measured + FLOOR))
     middle = off[:MIDDLE]
     spikes, holes = ((sign * middle > log10(TIMES)).double().mean().item() for sign in (1, -1))
-    return Found(float(middle.abs().mean()), float(off[MIDDLE:].abs().mean()), spikes, holes, pictures, seconds)
+    dark = darkest_middle(found) < DARK_MIDDLE
+    return Found(float(middle.abs().mean()), float(off[MIDDLE:].abs().mean()), spikes, holes, dark, pictures, seconds)
 
 
 def cases(
@@ -137,7 +141,8 @@ def run(options: argparse.Namespace) -> None:
     for fold in tqdm(experiment.folds("family"), desc="families", leave=False):
         for constraint, case in cases(fold, measured, constraints, options.noise):
             found[constraint].append(case)
-    head = ["constraint", "middle, decades", "beside", "spikes", "holes", "pictures: mean", "90 %", "worst", "seconds"]
+    head = ["constraint", "middle, decades", "beside", "spikes", "holes", "dark"]
+    head += ["pictures: mean", "90 %", "worst", "seconds"]
     rows = []
     for constraint, some in found.items():
         middle, beside = (statistics.mean(getattr(case, key) for case in some) for key in ("middle", "beside"))
@@ -149,6 +154,7 @@ def run(options: argparse.Namespace) -> None:
                 f"{beside:.3f}",
                 f"{spikes:.0f} %",
                 f"{holes:.0f} %",
+                f"{statistics.mean(100 * case.dark for case in some):.0f} %",
                 *of_pictures([case.pictures for case in some]),
                 f"{statistics.median(case.seconds for case in some):.3f}",
             ]

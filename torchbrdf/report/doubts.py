@@ -37,8 +37,8 @@ LARGE_CLAMPED_SHARE = 0.02
 """Share of values set to zero above which there is a warning."""
 
 DARK_MIDDLE = 1 / 3
-"""Share of a highlight's brightest of which less in its middle is pointed out: so is a third to a half of what is
-recovered of measured materials, and none of the library's own."""
+"""Share of a highlight's brightest of which less in its middle is pointed out: more than half of what is recovered of
+measured materials, none of these and of the library's (docs/constraints.md)."""
 
 _HIGHLIGHT = slice(0, 19), slice(0, 90, 15), GRID[2] // 2
 """Cells to 4 degrees of the middle of highlights at some theta_d, across the plane of incidence."""
