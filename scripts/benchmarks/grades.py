@@ -94,6 +94,7 @@ class Row:
             albedo=torch.tensor([self.albedo, 0, 0, 0]),
             oscillation=self.oscillation,
             clamped=self.clamped,
+            middle=1.0,  # of no weight for the grade
             distrust=None,
             spread=self.spread,
         )

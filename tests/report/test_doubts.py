@@ -8,7 +8,13 @@ from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
-from torchbrdf.report.doubts import clamped_share, doubts_of_result, doubts_without_pictures
+from torchbrdf.report.doubts import (
+    DARK_MIDDLE,
+    clamped_share,
+    darkest_middle,
+    doubts_of_result,
+    doubts_without_pictures,
+)
 from torchbrdf.report.evidence import Subject, gather
 from torchbrdf.view.sphere import SphereView
 
@@ -60,3 +66,21 @@ def test_the_clamped_share_counts_measured_zeros_only(tiny_tables):
     values[0, 0, :, 0] = 0
     expected = float(row) / (3 * float(table.valid.sum()))
     assert clamped_share(MerlTable(values, table.valid)) == pytest.approx(expected)
+
+
+def test_the_middle_of_highlights_is_beside_what_is_brightest_near_them(tiny_tables):
+    """White is as bright everywhere; a hole in one plane counts, what lies farther off and single channels do not."""
+    white = tiny_tables["white"]
+    assert darkest_middle(white) == pytest.approx(1.0)
+    values = white.values.clone()
+    values[30:] *= 100
+    red, green, blue = values[0, 0, 90].tolist()
+    values[:2, ..., 1] = 0
+    kept = (red + blue) / (red + green + blue)
+    assert darkest_middle(MerlTable(values, white.valid)) == pytest.approx(kept)
+    values[:4, 45] = 0
+    assert darkest_middle(MerlTable(values, white.valid)) == 0
+
+
+def test_no_material_of_the_library_is_dark_in_its_middle(tiny_tables):
+    assert all(darkest_middle(table) > DARK_MIDDLE for table in tiny_tables.values())

@@ -33,6 +33,7 @@ def test_errors_of_the_capture_come_before_more_light_and_one_action_says_one_th
     assert improvements(["class"], []) == []
     assert improvements(["clamped", "class"], []) == ["clamped"]
     assert improvements(["clamped"], ["gloss", "shadow"]) == ["gloss", "clamped"]
+    assert improvements(["clamped", "dark-middle"], ["gloss"]) == ["gloss", "dark-middle"]
     assert improvements(["uncertain"], ["shadow", "grazing"]) == ["shadow"]
     assert improvements(["uncertain"], ["gloss"]) == ["gloss"]
     found = improvements(["uncertain", "unexplained", "normals"], ["gloss"])
@@ -48,3 +49,4 @@ def test_what_was_tried_is_not_recommended():
     )
     assert sentence("clamped", []).endswith("fit again with `--constraint lobes`.")
     assert sentence("clamped", ["--constraint lobes"]) == ""
+    assert sentence("dark-middle", []) == "For use under lamps and the sun, fit again with `--constraint lobes`."

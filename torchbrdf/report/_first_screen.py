@@ -152,7 +152,7 @@ def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:
         f'<li>{marked(text)} <a href="#{ADVICE[topic].anchor}">Why</a></li>' for topic, text in said_of.items()
     )
     said = f"<ol>{items}</ol>" if items else ""
-    if set(said_of) <= {"clamped"}:  # of which no photograph needs to be taken anew
+    if set(said_of) <= {"clamped", "dark-middle"}:  # of which no photograph needs to be taken anew
         text = (
             f"Nothing {'else ' if items else ''}stands out. What helps most is a second photograph, from another side "
             "or under another light: `torchbrdf observe --probe PROBE --suggest` says which, and `torchbrdf fit "

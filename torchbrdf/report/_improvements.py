@@ -9,12 +9,12 @@ MOST = 2
 """Actions at once: who is told ten does none."""
 
 _CAPTURE: tuple[Topic, ...] = ("normals", "camera", "clipped-light", "no-unit", "clipped", "too-bright", "unexplained")
-_ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing", "clamped")
+_ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing", "dark-middle", "clamped")
 """Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first; then
 what another fit of the same photograph mends."""
 
-_SAME = {"gloss", "shadow", "uncertain", "grazing"}
-"""More light, or a second photograph: one of them says it."""
+_SAME: tuple[set[Topic], ...] = ({"gloss", "shadow", "uncertain", "grazing"}, {"dark-middle", "clamped"})
+"""More light or a second photograph, and another constraint: one topic of each says it."""
 
 
 def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
@@ -24,8 +24,8 @@ def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
     gaps     of the light
     """
     found = [topic for topic in _ORDER if topic in {*doubted, *gaps}]
-    more_light = [topic for topic in found if topic in _SAME]
-    return [topic for topic in found if topic not in more_light[1:] and ADVICE[topic].actions][:MOST]
+    said_before = {topic for same in _SAME for topic in [one for one in found if one in same][1:]}
+    return [topic for topic in found if topic not in said_before and ADVICE[topic].actions][:MOST]
 
 
 def sentence(topic: Topic, tried: Collection[str]) -> str:

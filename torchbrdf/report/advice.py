@@ -11,7 +11,7 @@ from typing import Literal, get_args
 Topic = Literal[
     "unexplained", "clipped", "clipped-light", "camera", "no-unit", "too-bright",
     "uncertain", "normals", "gloss", "grazing", "shadow",
-    "class", "oscillation", "clamped",
+    "class", "oscillation", "clamped", "dark-middle",
 ]  # fmt: skip
 TOPICS: tuple[Topic, ...] = get_args(Topic)
 """In the order of docs/warnings.md: what is wrong with the capture, what the light leaves open, marks of the result."""
@@ -235,6 +235,21 @@ ADVICE: dict[Topic, Advice] = {
         "nearest BRDF whose highlights have none; `--constraint energy` one that is nowhere negative.",
         "constraints.md#when-each-helps",
         "Constraints: when each helps",
+    ),
+    "dark-middle": Advice(
+        "Highlights are dark in their middle",
+        (
+            "for use under lamps and the sun, fit again with `--constraint lobes`",
+        ),
+        "A photograph under a probe tells highlights no finer than its pixels and lamps are wide. What the last degree "
+        "about the mirror direction is made of it leaves open, and a combination of sharper materials with weights of "
+        "both signs may be darker there than beside it, or black. Pictures under a probe do not show it. Under a point "
+        "light it is a dark spot in a bright ring.",
+        "`--constraint lobes` finds the nearest BRDF whose highlights fall off from their middle. Its tables "
+        "are nearer to measured ones there, and its pictures as good. A photograph under smaller lamps, with more "
+        "pixels, tells more of the middle.",
+        "constraints.md#highlights",
+        "Constraints: highlights",
     ),
 }
 

@@ -7,7 +7,7 @@ from typing import Protocol, TypeVar
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import MerlTable, directional_albedo, reflects_too_much
+from torchbrdf.brdf import GRID, MerlTable, directional_albedo, reflects_too_much
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.report.advice import Topic
 from torchbrdf.report.grade import HARMLESS
@@ -35,6 +35,13 @@ priors it tells nothing: with it the error is no larger for its standard deviati
 
 LARGE_CLAMPED_SHARE = 0.02
 """Share of values set to zero above which there is a warning."""
+
+DARK_MIDDLE = 1 / 3
+"""Share of a highlight's brightest of which less in its middle is pointed out: more than half of what is recovered of
+measured materials, none of these and of the library's (docs/constraints.md)."""
+
+_HIGHLIGHT = slice(0, 19), slice(0, 90, 15), GRID[2] // 2
+"""Cells to 4 degrees of the middle of highlights at some theta_d, across the plane of incidence."""
 
 SMALL_SHARE = 0.25
 """Share of the pixels that show the shape below which there is a warning that few are used."""
@@ -102,6 +109,13 @@ def clamped_share(table: MerlTable) -> float:
     return int(torch.count_nonzero(zero)) / (3 * int(torch.count_nonzero(table.valid)))
 
 
+def darkest_middle(table: MerlTable) -> float:
+    """How bright the middle of highlights is beside the brightest within 4 degrees, where least: 1 is falling off."""
+    f_r = table.filled.reshape(*GRID, 3)[_HIGHLIGHT].mean(-1)
+    brightest = f_r.amax(0)
+    return float(torch.where(brightest > 0, f_r[0] / brightest, 1).amin())
+
+
 def doubts(
     *,
     error: float,
@@ -110,6 +124,7 @@ def doubts(
     albedo: Tensor,
     oscillation: float,
     clamped: float,
+    middle: float,
     distrust: str | None,
     spread: float | None,
 ) -> list[Doubt]:
@@ -120,6 +135,7 @@ def doubts(
     albedo    (4,)    directional, see `directional_albedo`, mean of R, G, B
     oscillation  of the weights, see `oscillation_of`
     clamped   share of measured values at zero
+    middle    of highlights, see `darkest_middle`
     distrust  why the shape tells too little (`BasisImages.distrust`), or None
     spread    relative standard deviation of the picture under another light; None where that is not known
     """
@@ -178,6 +194,12 @@ def doubts(
             f"{clamped:.1%} of the table's values came out negative and were set to zero. "
             "Look for black spots and rings under directional lights."
         )
+    if middle < DARK_MIDDLE:
+        doubt(
+            "dark-middle",
+            f"In the middle of highlights the result has {middle:.0%} of what it has beside it: the photograph does "
+            "not tell the last degree about the mirror direction. A point light would show a dark spot."
+        )
     return found
 
 
@@ -197,6 +219,7 @@ def doubts_without_pictures(result: Reconstruction, basis: BasisImages, table: M
         albedo=directional_albedo(table).mean(1),
         oscillation=oscillation_of(result.weights.detach().cpu().double()),
         clamped=clamped_share(table),
+        middle=darkest_middle(table),
         distrust=basis.distrust,
         spread=None,
     )

@@ -14,7 +14,7 @@ from torchbrdf.images import relative_rms
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_directional, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
-from torchbrdf.report.doubts import Doubt, clamped_share, doubts, margin, oscillation_of, second_best
+from torchbrdf.report.doubts import Doubt, clamped_share, darkest_middle, doubts, margin, oscillation_of, second_best
 from torchbrdf.report.grade import Grade, grade_of
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import SHOWN, HarmonicBasis, is_precomputed, table_pictures
@@ -123,6 +123,7 @@ class Evidence:
     spread       None with a fixed penalty, which has no posterior
     albedo       (4, 3)  the result's `directional_albedo`
     known        what is doubtful of the capture whatever came out
+    middle       of highlights, see `darkest_middle`
     """
 
     photograph: Tensor
@@ -140,6 +141,7 @@ class Evidence:
     distrust: str | None = None
     spread: Spread | None = None
     known: tuple[Doubt, ...] = ()
+    middle: float = 1.0
 
     @property
     def averaged(self) -> bool:
@@ -176,6 +178,7 @@ class Evidence:
             albedo=self.albedo.mean(1),
             oscillation=oscillation_of(self.weights),
             clamped=self.found.clamped,
+            middle=self.middle,
             distrust=self.distrust,
             spread=self.typical_spread,
         )
@@ -269,6 +272,7 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
         distrust=basis.distrust,
         spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
         known=tuple(known),
+        middle=darkest_middle(found.table),
     )
 
 

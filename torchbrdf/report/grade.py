@@ -21,7 +21,7 @@ GOOD_RESIDUAL, FAIR_RESIDUAL = 0.03, 0.10
 SPOILS: frozenset[Topic] = frozenset({"normals", "too-bright", "uncertain"})
 """Warnings with which a result is poor."""
 
-HARMLESS: frozenset[Topic] = frozenset({"class", "clamped"})
+HARMLESS: frozenset[Topic] = frozenset({"class", "clamped", "dark-middle"})
 """Warnings that a good result may have: with them the error is no larger for its standard deviation than without."""
 
 
