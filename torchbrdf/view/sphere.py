@@ -24,7 +24,8 @@ class SphereView(View):
     direction  from the camera towards the sphere's middle, any length, in the camera's frame. The image is that of the
                camera turned to look there, by the least rotation; normals and view directions stay in its own frame,
                which is the probe's
-    Pixels that the silhouette cuts are outside the mask.
+    Pixels that the silhouette cuts are outside the mask: put before a background by it, a ball has a radius of 0.65
+    pixels less, and is found to have that. For a photograph, render it some times larger and take means of pixels.
     """
 
     framing: Framing
