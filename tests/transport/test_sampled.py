@@ -2,6 +2,7 @@
 
 import math
 from math import pi
+from unittest.mock import MagicMock
 
 import pytest
 import torch
@@ -19,6 +20,7 @@ from torchbrdf.rendering.basis import render_basis
 from torchbrdf.rendering.tables import render, render_tables
 from torchbrdf.transport import DEFAULT_SAMPLES, plan_transport
 from torchbrdf.transport._importance import Lobes, allocate, stratum_importance
+from torchbrdf.transport.sampled import render_columns
 from torchbrdf.transport.sampling import reflection
 from torchbrdf.view.normal_map import NormalMapView
 from torchbrdf.view.sphere import SphereView
@@ -289,6 +291,18 @@ class TestRandomness:
     @pytest.mark.parametrize("samples", [2, 3, 9, 100])
     def test_few_samples(self, tiny_library: MaterialLibrary, samples: int) -> None:
         assert bool(torch.isfinite(render_basis(tiny_library, lamps(), SMALL, samples=samples).packed).all())
+
+
+def test_progress_counts_what_takes_the_time(tiny_library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples: the pixels that have most come last, and nine in ten are done at half the time."""
+    bars = MagicMock()
+    monkeypatch.setattr("torchbrdf.transport.sampled.progress_bar", bars)
+    columns, probe = tiny_library.stored.columns, LightProbe.default(32)
+    render_columns(columns, probe, SMALL, 256, seed=0)
+    drawn = int(plan_transport(columns, probe, SMALL, 256, seed=0).counts.sum())
+    updates = bars.return_value.__enter__.return_value.update.call_args_list
+    assert drawn > 2 * len(SMALL.pixels)
+    assert bars.call_args.kwargs["total"] == sum(each.args[0] for each in updates) == drawn
 
 
 class TestBadInput:

@@ -63,10 +63,11 @@ def render_columns(
     """(3, P, n): the images of columns (N_CELLS, n), in their units."""
     plan = plan_transport(columns, probe, view, samples, seed, adaptive)
     packed = torch.empty(3, len(view.pixels), columns.shape[1], dtype=torch.float32, device=columns.device)
-    with progress_bar(total=len(view.pixels), desc="basis images", unit="px", shown=progress) as bar:
+    total = int(plan.counts.sum())
+    with progress_bar(total=total, desc="basis images, samples", unit="", unit_scale=True, shown=progress) as bar:
         for chosen, transport in plan.blocks():
             packed[:, chosen] = gather_columns(transport, columns)
-            bar.update(len(chosen))
+            bar.update(int(plan.counts[chosen].sum()))
     return packed.mul_(plan.sampler.strata.unit)
 
 
