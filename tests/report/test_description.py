@@ -67,14 +67,14 @@ NOT_TOLD = "How glossy it is, this photograph does not tell"
 def said_of(table, highlight, of_highlight, of_top=0.0):
     """The sentence where the highlight is so much brighter, to a share of that, and its top is known to a share.
 
-    of_top  of all cells, or of the first cells one by one, the others being known
+    of_top  share of its brightest cell, of all cells, or of the first cells one by one, the others being known
     """
     curve = theta_h_curve(table)
     shares = torch.zeros(90)
     shares[: len(of_top) if isinstance(of_top, list) else 90] = torch.tensor(of_top)
     spread = SimpleNamespace(
         highlight=torch.tensor([[highlight], [of_highlight * highlight]]).expand(2, 3),
-        curve=(shares * float(curve[0].mean()))[:, None].expand(90, 3),
+        curve=(shares * float(curve.mean(1).max()))[:, None].expand(90, 3),
     )
     return _gloss(SimpleNamespace(spread=spread, found=SimpleNamespace(table=table)), gloss_of(table))
 
@@ -98,6 +98,16 @@ def test_a_highlight_whose_top_alone_is_not_told_is_described_without_it(tiny_ta
     said = said_of(spiked, 1.0, 0.1, [1.0, 1.0, 1.0, 0.0])
     assert said == f"{gloss_of(gold, 3)}{of_top}"
     assert gloss_of(gold, 3).width == pytest.approx(gloss_of(gold).width, rel=0.05)
+
+
+def test_a_hole_in_the_middle_that_the_photograph_does_not_tell_makes_no_highlight_none(tiny_tables):
+    gold = tiny_tables["gold-0.3"]
+    values = gold.values.clone()
+    values[:4] = 0
+    holed = MerlTable(values, gold.valid)
+    assert gloss_of(holed).matt
+    of_top = "; how bright in its very middle, this photograph does not tell"
+    assert said_of(holed, 1.0, 0.1, [1.0, 1.0, 1.0, 1.0]) == f"{gloss_of(gold, 4)}{of_top}"
 
 
 def test_a_highlight_of_which_only_its_mean_is_told(tiny_tables):

@@ -123,15 +123,18 @@ def _gloss(evidence: Evidence, gloss: Gloss) -> str:
     spread = evidence.spread
     if spread is None:
         return str(gloss)
+    table = evidence.found.table
+    first = _first_told(theta_h_curve(table), spread.curve)
+    told = gloss_of(table, first) if first else gloss
     brighter, deviation = spread.highlight.mean(1).tolist()
-    least = sum(gloss.beside) / (3 * pi) if gloss.matt else brighter
+    least = sum(told.beside) / (3 * pi) if told.matt else brighter
     if NINETY * deviation > least:
         return "How glossy it is, this photograph does not tell"
-    if gloss.matt or (first := _first_told(theta_h_curve(evidence.found.table), spread.curve)) == 0:
-        return str(gloss)
+    if first == 0 or (gloss.matt and told.matt):
+        return str(told)
     if first is None:
         return "Glossy; how sharp its highlight is, this photograph does not tell"
-    return f"{gloss_of(evidence.found.table, first)}; how bright in its very middle, this photograph does not tell"
+    return f"{told}; how bright in its very middle, this photograph does not tell"
 
 
 def _first_told(curve: np.ndarray, deviation: Tensor) -> int | None:
