@@ -9,7 +9,7 @@ import torch
 
 from torchbrdf.camera import PinholeCamera
 from torchbrdf.camera.ball import Ball
-from torchbrdf.commands._capture import FOV_KEY, doubts_of_light, doubts_of_sight
+from torchbrdf.commands._capture import FOV_KEY, NOT_GIVEN, REFLECTANCE_KEY, doubts_of_light, doubts_of_sight
 from torchbrdf.images import write_image
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.photograph import Circle
@@ -20,8 +20,9 @@ def sight(silhouette: object, size: tuple[int, int] = (60, 90), whole_numbers: b
     return SimpleNamespace(silhouette=silhouette, photograph=SimpleNamespace(size=size, full=full))
 
 
-def options(probe: object = "default") -> Namespace:
-    return Namespace(photo=Path("ball.exr"), probe=str(probe))
+def options(probe: object = "default", layout: str = "latlong", reflectance: list[float] | None = None) -> Namespace:
+    read = {"probe_layout": layout, "mirror_reflectance": reflectance}
+    return Namespace(photo=Path("ball.exr"), probe=str(probe), **read)
 
 
 def topics(*arguments: object) -> list[str]:
@@ -55,6 +56,19 @@ def test_whole_numbers_have_no_unit_unless_an_alignment_looks_for_the_exposure()
     seen = sight(None, whole_numbers=True)
     assert topics(options(), seen) == ["no-unit"]
     assert topics(options(), seen, True) == []
+
+
+def test_a_mirror_ball_of_which_nobody_says_what_it_reflects(tmp_path):
+    """Under it every BRDF is too bright, whether `fit` reads the ball or a probe that was made from it."""
+    (doubt,) = doubts_of_sight(options("chrome.exr", "mirror_ball"), sight(None))
+    assert doubt.topic == "reflectance"
+    assert doubt.text.startswith("chrome.exr: the mirror ball is taken to reflect all light")
+    assert doubt.text.endswith("; give --mirror-reflectance R")
+    assert topics(options("chrome.exr", "mirror_ball", [1.0]), sight(None)) == []
+    assert topics(options("chrome.exr", "mirror_ball"), sight(None), True) == []  # an alignment looks for the factor
+    for told, said in ((NOT_GIVEN, ["reflectance"]), ("the ball reflects 0.6 of the light", [])):
+        LightProbe.default(16).save(tmp_path / "probe.exr", metadata={REFLECTANCE_KEY: told})
+        assert topics(options(tmp_path / "probe.exr"), sight(None)) == said
 
 
 def clipped_sky(texels: int) -> LightProbe:

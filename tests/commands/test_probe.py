@@ -10,6 +10,7 @@ from failures import fails
 from mirror_balls import BALL, photographed, room, scene, texels
 from torchbrdf import LightProbe, write_image
 from torchbrdf.cli import main
+from torchbrdf.commands._capture import NOT_GIVEN, REFLECTANCE_KEY
 from torchbrdf.images import read_metadata
 from torchbrdf.light.mirror.pixels import inside
 
@@ -65,6 +66,9 @@ def test_without_a_reflectance_there_is_a_warning(capsys, chrome, tmp_path):
     status, _, err = run(capsys, chrome, *given, "-o", tmp_path / "probe.exr", "--strict")
     assert status == 3
     assert "give --mirror-reflectance R or --metal NAME" in err
+    assert read_metadata(tmp_path / "probe.exr")[REFLECTANCE_KEY] == NOT_GIVEN
+    assert run(capsys, chrome, *given, "--mirror-reflectance", 0.6, "-o", tmp_path / "probe.exr")[0] == 0
+    assert read_metadata(tmp_path / "probe.exr")[REFLECTANCE_KEY] == "the ball reflects 0.6 of the light"
 
 
 def test_another_ball_than_a_mirror_is_a_warning(capsys, tmp_path):

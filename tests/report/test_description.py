@@ -1,5 +1,6 @@
 """What a result is, in words: the highlight's width in closed form, materials that look like themselves."""
 
+import re
 from math import asin, degrees, exp, pi, sqrt
 from types import SimpleNamespace
 
@@ -13,7 +14,9 @@ from torchbrdf.rendering.basis import render_basis
 from torchbrdf.report._description import gloss_of, in_words, looks_clipped, most_alike
 from torchbrdf.report._deviations import highlight_row
 from torchbrdf.report._figures import theta_h_curve
-from torchbrdf.report._first_screen import _gloss
+from torchbrdf.report._first_screen import _gloss, _good
+from torchbrdf.report.doubts import Doubt
+from torchbrdf.report.grade import GRADES
 from torchbrdf.view.sphere import SphereView
 
 
@@ -135,3 +138,27 @@ def test_a_highlight_is_the_mean_over_its_solid_angle(width):
     inside = (1 - exp(-(end**2) / (2 * width**2))) * 2 * width**2 / end**2
     beside = float(lobe[(theta_h > 45) & (theta_h < 75)].mean())
     assert float(highlight_row(0.2 + lobe[:, None])) == pytest.approx(inside - beside, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("topics", "said"),
+    [
+        ((), ["no warning", "photograph and probe taken as in one unit"]),
+        (
+            ("clamped",),
+            ["no warning", "Noted: Negative values were cut off", "photograph and probe taken as in one unit"],
+        ),
+        (("reflectance",), ["Warned of: The reflectance of the mirror ball is not known"]),
+        (("no-unit", "class"), ["Warned of: The photograph has no unit", "Noted: The class is not told"]),
+    ],
+)
+def test_what_a_good_result_may_have_is_noted_and_not_warned_of(topics, said):
+    """As on the terminal."""
+    evidence = SimpleNamespace(
+        found=SimpleNamespace(error=0.01),
+        typical_spread=None,
+        grade=GRADES["Good"],
+        doubts=[Doubt(topic, "") for topic in topics],
+    )
+    (numbers,) = re.findall('class="note">(.*?)</p>', _good(evidence))
+    assert re.sub("<[^>]*>", "", numbers).split(" · ") == ["1.0% of the photograph unexplained", *said, "Limits"]

@@ -18,12 +18,22 @@ FOV_KEY = "mirrorBallFov"
 MIRROR_KEY = "mirrorBallPhotographs"
 """The attribute with the `fingerprint_of` each photograph that it was made from, a space between them."""
 
+REFLECTANCE_KEY = "mirrorBallReflectance"
+"""The attribute with what its mirror ball reflects, or `NOT_GIVEN`."""
+NOT_GIVEN = "not given"
+"""The reflectance of a mirror ball of which nobody said it."""
+
+REFLECTS_ALL = (
+    "the mirror ball is taken to reflect all light, and polished chrome reflects 0.55 to 0.7 of it: the light then "
+    "comes out too dim, and every BRDF too bright"
+)
+
 _CROPPED = 0.02
 """Of the radius: how far a ball's circle may be from the largest that a picture holds, which is cut to it."""
 
 
 def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = False) -> list[Doubt]:
-    """What is doubtful of `options.photo`, under `options.probe`: its unit, its camera.
+    """What is doubtful of `options.photo`, under `options.probe`: its units, its camera.
 
     exposed  an alignment looks for its exposure
     Raises ValueError where the probe was made from that very photograph.
@@ -39,6 +49,8 @@ def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = F
                 "floating point, exposed and scaled as the probe is",
             )
         )
+    if not exposed:
+        found += _doubts_of_mirror(options)
     if isinstance(sight.silhouette, Circle):
         fov = _attribute_of(options.probe, FOV_KEY)
         if fov is not None or not _cut_to(sight.silhouette, sight.photograph.size):
@@ -75,6 +87,16 @@ def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
     if not aligned and probe.lamps is not None and probe.lamps.certain:
         text = f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance"
         return [Doubt("clipped-light", text)]
+    return []
+
+
+def _doubts_of_mirror(options: argparse.Namespace) -> list[Doubt]:
+    """A mirror ball that is the probe, or of which `torchbrdf probe` made it, and nobody said what it reflects."""
+    if options.probe_layout == "mirror_ball" and options.mirror_reflectance is None:
+        return [Doubt("reflectance", f"{options.probe}: {REFLECTS_ALL}; give --mirror-reflectance R")]
+    if _attribute_of(options.probe, REFLECTANCE_KEY) == NOT_GIVEN:
+        cure = "make it again by `torchbrdf probe` with --mirror-reflectance R or --metal NAME"
+        return [Doubt("reflectance", f"{options.probe}: {REFLECTS_ALL}; {cure}")]
     return []
 
 

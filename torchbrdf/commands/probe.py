@@ -69,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Unwrap a photograph of a mirror ball, or two, into a lat-long light probe in the frame of the first camera."""
-    from torchbrdf.commands._capture import FOV_KEY, MIRROR_KEY, fingerprint_of
+    from torchbrdf.commands._capture import FOV_KEY, MIRROR_KEY, NOT_GIVEN, REFLECTANCE_KEY, fingerprint_of
     from torchbrdf.light import LightProbe
     from torchbrdf.light.mirror import unwrapped
 
@@ -85,6 +85,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
             "mirrorBall": "; ".join((*sights, reflects, *_told(found))),
             FOV_KEY: f"{photographs[0].ball.camera.fov_deg:.4g}",
             MIRROR_KEY: " ".join(map(fingerprint_of, options.photos)),
+            REFLECTANCE_KEY: reflects if _tells_reflectance(options) else NOT_GIVEN,
         }
         probe.save(temporary, options.primaries, about)
     for line in (*sights, reflects, *_told(found)):
@@ -136,6 +137,10 @@ def _reflectance(options: argparse.Namespace) -> "tuple[list[float] | Metal, str
         return metal, f"the ball is of {metal}"
     factors = checked_reflectance(options.mirror_reflectance or 1.0)
     return factors, f"the ball reflects {' '.join(f'{factor:g}' for factor in factors)} of the light"
+
+
+def _tells_reflectance(options: argparse.Namespace) -> bool:
+    return options.metal is not None or options.mirror_reflectance is not None
 
 
 def _photograph(
@@ -219,12 +224,11 @@ def _doubts(options: argparse.Namespace, found: "MirrorProbe") -> list[str]:
     """What may be wrong with it."""
     import torch
 
+    from torchbrdf.commands._capture import REFLECTS_ALL
+
     doubts = []
-    if options.metal is None and options.mirror_reflectance is None:
-        doubts.append(
-            "the ball is taken to reflect all light, and polished chrome reflects 0.55 to 0.7 of it: the light then "
-            "comes out too dim, and every BRDF too bright; give --mirror-reflectance R or --metal NAME"
-        )
+    if not _tells_reflectance(options):
+        doubts.append(f"{REFLECTS_ALL}; give --mirror-reflectance R or --metal NAME")
     infinite = torch.isposinf(found.radiance).any(0)
     if bool(infinite.any()):
         doubts.append(

@@ -1,6 +1,6 @@
 """The report's first screen: is it good, what is it, what would make it better."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from html import escape
 from math import pi
 
@@ -25,6 +25,9 @@ from torchbrdf.view import SphereView, View
 
 _SMALL = 40
 """Pixels along a side of the pictures of materials that look alike, at most."""
+
+_UNLIKE_UNITS: tuple[Topic, ...] = ("no-unit", "reflectance")
+"""Warnings that say themselves how photograph and probe stand to each other."""
 
 _UNLIKE = 0.05
 """RMS of display values from which the nearest material is said to be unlike the photograph."""
@@ -55,19 +58,26 @@ def acts_on(evidence: Evidence, gaps: Sequence[Gap]) -> list[Topic]:
 
 def _good(evidence: Evidence) -> str:
     error, spread, grade = evidence.found.error, evidence.typical_spread, evidence.grade
-    topics = [doubt.topic for doubt in evidence.doubts]
     numbers = [f"{_rounded(error)} of the photograph unexplained"]
     if spread is not None:
         numbers.append(f"standard deviation under another light {_rounded(spread)}")
-    links = [f'<a href="#{ADVICE[topic].anchor}">{ADVICE[topic].title}</a>' for topic in topics]
-    numbers.append(f"Warned of: {', '.join(links)}" if links else "no warning")
-    if "no-unit" not in topics:
+    warned = _titles(doubt.topic for doubt in evidence.doubts if not doubt.is_harmless)
+    noted = _titles(doubt.topic for doubt in evidence.doubts if doubt.is_harmless)
+    numbers.append(f"Warned of: {warned}" if warned else "no warning")
+    if noted:
+        numbers.append(f"Noted: {noted}")
+    if all(doubt.topic not in _UNLIKE_UNITS for doubt in evidence.doubts):
         numbers.append("photograph and probe taken as in one unit")
     word = f'<b class="grade {grade.word.split()[0].lower()}">{grade.word}</b>'
     return (
         f'<div class="answer"><h2>Is it good?</h2><p class="said">{word} {grade.meaning}</p>'
         f'<p class="note">{" · ".join(numbers)} · <a href="#numbers">Limits</a></p></div>'
     )
+
+
+def _titles(topics: Iterable[Topic]) -> str:
+    """What they are called, each a link to what it means."""
+    return ", ".join(f'<a href="#{ADVICE[topic].anchor}">{ADVICE[topic].title}</a>' for topic in topics)
 
 
 def _pictures(evidence: Evidence, view: View) -> str:

@@ -9,7 +9,7 @@ from html import escape
 from typing import Literal, get_args
 
 Topic = Literal[
-    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "too-bright",
+    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "reflectance", "too-bright",
     "uncertain", "normals", "gloss", "grazing", "shadow",
     "class", "oscillation", "clamped", "dark-middle",
 ]  # fmt: skip
@@ -119,6 +119,20 @@ ADVICE: dict[Topic, Advice] = {
         "roughly.",
         "inputs.md",
         "Input files",
+    ),
+    "reflectance": Advice(
+        "The reflectance of the mirror ball is not known",
+        (
+            "give `--mirror-reflectance`, the share of the light that the mirror ball reflects",
+        ),
+        "The mirror ball is taken to reflect all light that falls on it, and polished chrome reflects 0.55 to 0.7 of "
+        "it. The probe is then too dim by that factor, and the BRDF too bright by it; its shape and its gloss may be "
+        "right.",
+        "Give `--mirror-reflectance` to the command that reads the mirror ball, one number or one for each of red, "
+        "green and blue: 0.6 for chrome, 1 for a simulated ball that reflects all. `torchbrdf probe --metal` takes it "
+        "from the metal's optical constants.",
+        "capture_guide.md#a-mirror-ball",
+        "Capture guide: a mirror ball",
     ),
     "too-bright": Advice(
         "More light comes out than goes in",
