@@ -78,3 +78,10 @@ def test_the_camera_that_goes_right_sees_what_was_on_the_right():
 def test_refusals(merl_directory, capsys, more, line):
     assert observe(merl_directory, *more) == 2
     assert line in capsys.readouterr().err
+
+
+def test_every_light_is_opened_before_anything_is_rendered(merl_directory, capsys, tmp_path, monkeypatch):
+    """A bad one costs no time."""
+    monkeypatch.setattr("torchbrdf.rendering.render_basis", None)
+    assert observe(merl_directory, "--suggest", "--probes", tmp_path / "gone.exr") == 2
+    assert "gone.exr" in capsys.readouterr().err

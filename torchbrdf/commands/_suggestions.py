@@ -1,14 +1,12 @@
 """Which second photograph, or which lamp, would tell most: each is rehearsed."""
 
-from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos
 from statistics import fmean
 
 import torch
 
-from torchbrdf.commands._inputs import open_probe
 from torchbrdf.estimation import BRDFEstimator, MaterialClasses
 from torchbrdf.light import LightProbe, directions_at, turned
 from torchbrdf.progress import progress_bar
@@ -46,7 +44,7 @@ class Suggestion:
 
 
 def suggestions(
-    options: Namespace,
+    lights: Mapping[str, LightProbe],
     rendered: Callable[[LightProbe], BasisImages],
     classes: MaterialClasses,
     view: View,
@@ -57,6 +55,7 @@ def suggestions(
 ) -> list[Suggestion]:
     """All of them, the one with the largest part of the error taken off first.
 
+    lights    of a second photograph, by the words for them
     rendered  the library's basis images under a light
     basis     of the first photograph, under the probe
     novel     under other light
@@ -73,8 +72,8 @@ def suggestions(
         images = list(others.values())
         judged = len(images) > _ENOUGH
         alone = BRDFEstimator(basis, classes).rehearse(images).errors.mean(0).tolist() if judged else []
-        for i, (path, light) in enumerate(others.items()):
-            what, bases = f"second photograph, under {path}", [basis, light]
+        for i, (name, light) in enumerate(others.items()):
+            what, bases = f"second photograph, under {name}", [basis, light]
             if judged:
                 left = images[:i] + images[i + 1 :]
                 yield f"{what}, judged by the other probes", bases, left, fmean(alone[:i] + alone[i + 1 :])
@@ -85,12 +84,11 @@ def suggestions(
             brighter = replace(basis, packed=basis.packed + lit.packed)
             yield f"a lamp {where}, as bright as all light", [brighter], novel, expected
 
-    opened = {str(path): open_probe(Namespace(**vars(options) | {"probe": str(path)})) for path in options.probes}
-    others = {path: rendered(light) for path, light in opened.items() if light.fingerprint != probe.fingerprint}
+    others = {name: rendered(light) for name, light in lights.items() if light.fingerprint != probe.fingerprint}
     count = len(_LAMPS) + len(others) + (len(_TURNS) if isinstance(view, SphereView) else 0)
     found = []
-    for what, bases, lights, before in progress_bar(added(), desc="suggestions", total=count):
-        found.append(Suggestion(what, BRDFEstimator(bases, classes).rehearse(lights).error, before))
+    for what, bases, judges, before in progress_bar(added(), desc="suggestions", total=count):
+        found.append(Suggestion(what, BRDFEstimator(bases, classes).rehearse(judges).error, before))
     return sorted(found, key=lambda one: one.error / max(one.before, 1e-30))
 
 

@@ -50,6 +50,8 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     if options.probes and not options.suggest:
         raise ValueError("--probes names lights to choose from: give --suggest, too")
     probe = open_probe(options)
+    given = vars(options)
+    others = {str(path): open_probe(argparse.Namespace(**given | {"probe": str(path)})) for path in options.probes}
     view, library = open_view(options, options.size), open_library(options)
     classes = MaterialClasses.fit(library)
     fast = unsuited(view) is None and is_precomputed(library, in_perspective(view))
@@ -64,7 +66,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         found = BRDFEstimator(basis, classes).observability(library, novel)
     assert found.rehearsal is not None
     expected = found.rehearsal.error
-    told = suggestions(options, rendered, classes, view, probe, basis, novel, expected) if options.suggest else []
+    told = suggestions(others, rendered, classes, view, probe, basis, novel, expected) if options.suggest else []
     findings.line(found.verdict)
     if told:
         findings.line("what would take most of that error off, as rehearsed:")
