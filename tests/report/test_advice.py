@@ -1,13 +1,16 @@
 """What warnings mean: the same words in the report and in the documentation, and commands that exist."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
 import write_warnings
 from paths import ROOT
 from torchbrdf.cli import parser
-from torchbrdf.report.advice import ADVICE, TOPICS, marked
+from torchbrdf.report._warnings_section import warnings_section
+from torchbrdf.report.advice import ADVICE, TOPICS, Topic, marked
+from torchbrdf.report.doubts import Doubt
 
 
 def test_the_page_says_what_the_report_says():
@@ -43,3 +46,17 @@ def test_options_and_commands_exist():
 def test_code_is_marked_and_the_rest_is_escaped():
     assert marked("a < `b > c` & d") == "a &lt; <code>b &gt; c</code> &amp; d"
     assert marked("`fit --same-material`") == "<code>fit <span>--same-material</span></code>"
+
+
+@pytest.mark.parametrize(
+    ("topics", "acts", "title"),
+    [
+        (["class", "clipped"], [], "What the warnings mean"),
+        (["class", "clamped"], ["clamped"], "What the notes mean"),
+        ([], ["shadow"], "What would help, and why"),
+    ],
+)
+def test_the_section_is_of_warnings_or_of_notes(topics: list[Topic], acts: list[Topic], title: str):
+    evidence = SimpleNamespace(doubts=[Doubt(topic, "Said.") for topic in topics])
+    (section,) = warnings_section(evidence, acts)
+    assert f">{title}<" in section

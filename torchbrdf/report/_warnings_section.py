@@ -12,7 +12,8 @@ def warnings_section(evidence: Evidence, acts: Sequence[Topic]) -> list[str]:
     """HTML of the warnings and of what to act on; nothing where there is neither."""
     said = {doubt.topic: doubt.text for doubt in evidence.doubts}
     paragraphs = [_paragraph(topic, said.get(topic)) for topic in dict.fromkeys([*said, *acts])]
-    title = "What the warnings mean" if said else "What would help, and why"
+    noted = all(doubt.is_harmless for doubt in evidence.doubts)
+    title = f"What the {'notes' if noted else 'warnings'} mean" if said else "What would help, and why"
     return [section(title, *paragraphs)] if paragraphs else []
 
 
