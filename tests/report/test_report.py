@@ -267,7 +267,7 @@ def test_the_warnings(errors, weights, clamped, expected):
     for warning, start in zip(map(str, evidence.found_doubts), expected, strict=True):
         assert warning.startswith(start.split(" (")[0])
     dark = set(map(str, replace(evidence, middle=0.2).found_doubts)) - set(map(str, evidence.found_doubts))
-    assert [text[:66] for text in dark] == ["In the middle of highlights the result has 20% of what it has beside"[:66]]
+    assert [text[:64] for text in dark] == ["Highlights come out 20% as bright in their middle as beside it: "]
     assert evidence.margin == (errors[1] / errors[0] if len(errors) > 1 else float("inf"))
 
 

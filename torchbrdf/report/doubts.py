@@ -197,8 +197,8 @@ def doubts(
     if middle < DARK_MIDDLE:
         doubt(
             "dark-middle",
-            f"In the middle of highlights the result has {middle:.0%} of what it has beside it: the photograph does "
-            "not tell the last degree about the mirror direction. A point light would show a dark spot."
+            f"Highlights come out {middle:.0%} as bright in their middle as beside it: the photograph does not tell "
+            "the last degree about the mirror direction. A point light would show a dark spot."
         )
     return found
 
