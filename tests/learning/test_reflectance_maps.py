@@ -1,10 +1,12 @@
 """Training data made on the fly: images are Y w, batches are reproducible, workers agree."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 import torch
+from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, SequentialSampler
 
@@ -177,6 +179,12 @@ BAD = {
         [basis(), replace(basis(1), library="another")]
     ),
     "length must be at least one sample, got 0": lambda: ReflectanceMaps(basis(), length=0),
+    "spoil takes images and masks, and RandomSensorNoise images alone; put it in": lambda: ReflectanceMaps(
+        basis(), RandomSensorNoise()
+    ),
+    "spoil takes images and masks, which this AugmentationSequential does not": lambda: ReflectanceMaps(
+        basis(), AugmentationSequential(RandomSensorNoise())
+    ),
     "materials must be at least 1, got 0": lambda: Blending(materials=0),
     "evenness must be above 0, got 0": lambda: Blending(evenness=0),
     "tint must be at least 0 and finite, got -1": lambda: Blending(tint=-1),
@@ -187,6 +195,28 @@ BAD = {
 def test_bad_input(message: str):
     with pytest.raises(ValueError, match=message):
         BAD[message]()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "got"),
+    [
+        (lambda image, mask: image, "two tensors, images and masks, got Tensor"),  # of two photographs: no pair
+        (lambda image, mask: (image, mask, mask), "two tensors, images and masks, got 3 values"),
+        (lambda image, mask: (image, None), "two tensors, images and masks, got 2 values"),
+        (lambda image, mask: (image, mask.float()), r"bool, got \(2, 3, 16, 16\) and torch.float32 \(2, 1, 16, 16\)"),
+        (lambda image, mask: (image[:1], mask), r"images \(2, 3, H, W\) and masks .*, got \(1, 3, 16, 16\) and torch"),
+        (lambda image, mask: (image[..., :8], mask), r"got \(2, 3, 16, 8\) and torch.bool \(2, 1, 16, 16\)"),
+    ],
+)
+def test_what_spoil_returns_is_checked(spoil: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]], got: str):
+    maps = ReflectanceMaps(basis(), spoil)
+    with pytest.raises(ValueError, match=f"^spoil must return .*{got}"):
+        maps[[0, 1]]
+
+
+def test_defects_may_change_the_size():
+    halved = ReflectanceMaps(basis(), lambda image, mask: (image[..., ::2, ::2], mask[..., ::2, ::2]))[[0, 1]]
+    assert (halved["image"].shape, halved["mask"].shape) == ((2, 3, 8, 8), (2, 1, 8, 8))
 
 
 def test_slices_and_tensors_are_lists():

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
+from kornia.augmentation import AugmentationBase2D, AugmentationSequential
+from kornia.constants import DataKey
 from torch import Tensor
 from torch.utils.data import Dataset
 
@@ -56,7 +58,8 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
     """Samples of random materials under random ones of some lights.
 
     basis     basis images of one library and view; a sequence of them for several probes or rotations
-    spoil     what is done to batches of clean images; None for nothing
+    spoil     what is done to batches of clean images (B, 3, H, W) and masks (B, 1, H, W) bool, and returns both; of
+              kornia an `AugmentationSequential(..., data_keys=["input", "mask"])`. None for nothing
     length    samples an epoch
     seed      samples depend on it, on the epoch and on the indices asked for at once, not on the number of workers
     blending  how materials are mixed, tinted and brightened; None for `Blending()`
@@ -88,6 +91,7 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         for one in lights[1:]:
             if (one.library, one.names) != (first.library, first.names) or not torch.equal(one.mask, first.mask):
                 raise ValueError("basis images must share library and mask; render them for the same library and view")
+        _check_keys(spoil)
         if length < 1:
             raise ValueError(f"length must be at least one sample, got {length}")
         self.names, self.mask, self.lights = first.names, first.mask, len(lights)
@@ -149,8 +153,32 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
             clean = unpack(packed, self.mask)
             image, mask = clean, self.mask.expand(len(indices), -1, -1, -1)
             if self.spoil is not None:
-                image, mask = self.spoil(clean, mask)
+                image, mask = _checked_pair(self.spoil(clean, mask), len(indices))
         return {"image": image, "mask": mask, "clean": clean, "weights": weights, "light": light}
+
+
+def _check_keys(spoil: object) -> None:
+    """Raise ValueError for kornia's augmentations of images alone."""
+    paired = 'AugmentationSequential(..., data_keys=["input", "mask"])'
+    if isinstance(spoil, AugmentationBase2D):
+        raise ValueError(f"spoil takes images and masks, and {type(spoil).__name__} images alone; put it in {paired}")
+    if isinstance(spoil, AugmentationSequential) and spoil.data_keys != [DataKey.INPUT, DataKey.MASK]:
+        raise ValueError(f"spoil takes images and masks, which this AugmentationSequential does not; make it {paired}")
+
+
+def _checked_pair(spoilt: object, count: int) -> tuple[Tensor, Tensor]:
+    """The images and masks that `spoil` returned, `count` of each."""
+    if not (isinstance(spoilt, tuple | list) and len(spoilt) == 2 and all(isinstance(one, Tensor) for one in spoilt)):
+        got = f"{len(spoilt)} values" if isinstance(spoilt, tuple | list) else type(spoilt).__name__
+        raise ValueError(f"spoil must return two tensors, images and masks, got {got}")
+    image, mask = spoilt
+    size = tuple(image.shape[-2:])
+    if image.shape != (count, 3, *size) or mask.shape != (count, 1, *size) or mask.dtype != torch.bool:
+        raise ValueError(
+            f"spoil must return images ({count}, 3, H, W) and masks ({count}, 1, H, W) bool, "
+            f"got {tuple(image.shape)} and {mask.dtype} {tuple(mask.shape)}"
+        )
+    return image, mask
 
 
 def random_materials(rows: Tensor, n_materials: int, light: Tensor, blending: Blending) -> tuple[Tensor, Tensor]:
