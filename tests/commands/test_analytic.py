@@ -216,6 +216,8 @@ def test_inputs_that_are_not_there(capsys, tmp_path):
     missing = tmp_path / "nowhere.binary"
     line = assert_fails(capsys, tmp_path, missing, *out)
     assert line == f"{missing}: no such file; expected a MERL .binary table"
+    line = assert_fails(capsys, tmp_path, tmp_path / "result", *out)
+    assert line == f"{tmp_path / 'result'}: no such file; expected a MERL table or a folder of `torchbrdf fit`"
     (tmp_path / "empty").mkdir()
     line = assert_fails(capsys, tmp_path, tmp_path / "empty", *out)
     assert line.startswith(f"{tmp_path / 'empty'}: no brdf.binary in this folder; name a MERL table or a folder")
@@ -306,6 +308,13 @@ class TestPhotograph:
         assert after < 5 < 20 < before
         assert not any("of the pixels" in line for line in warned)
         assert lines[-1] == f"wrote {preview}: from left to right gold, lambert, lambert refined"
+
+    def test_what_takes_long_is_said(self, capsys, photo, light, table, monkeypatch):
+        monkeypatch.setattr("torchbrdf.progress._PATIENCE", 0.0)
+        monkeypatch.setattr("torchbrdf.progress.print", lambda text, **_: said.append(text), raising=False)
+        said: list[str] = []
+        run(capsys, table, "--model", "lambert", "--photograph", photo, "--probe", light)
+        assert said == [f"sampling the light that every pixel of {photo} shows, once for all fits"]
 
     @pytest.mark.parametrize(
         ("more", "said"),

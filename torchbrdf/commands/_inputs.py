@@ -9,7 +9,7 @@ from pathlib import Path
 
 from torchbrdf.brdf import RESULT, MaterialLibrary, MerlTable, read_table
 from torchbrdf.camera import Ball, PinholeCamera
-from torchbrdf.files import did_you_mean
+from torchbrdf.files import did_you_mean, existing_file
 from torchbrdf.images import DEFAULT_SPACE, Shooting, converted, read_mask, read_shooting, readable_suffixes
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
@@ -151,7 +151,7 @@ def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) 
 def open_table(path: Path) -> MerlTable:
     """A MERL table or a measured material of the RGL database, or the table in a folder that `torchbrdf fit` wrote."""
     if not path.is_dir():
-        return read_table(path)
+        return read_table(path if path.suffix else existing_file(path, "a MERL table or a folder of `torchbrdf fit`"))
     if not (path / RESULT).is_file():
         raise FileNotFoundError(f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`")
     return read_table(path / RESULT)

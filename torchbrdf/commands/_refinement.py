@@ -11,6 +11,7 @@ from torchbrdf.commands._options import add_photographed
 from torchbrdf.commands._said import say_doubts
 from torchbrdf.commands._sight import Sight, read_observation
 from torchbrdf.light import LightProbe
+from torchbrdf.progress import told_if_slow
 
 
 def check_pair(options: argparse.Namespace) -> None:
@@ -43,7 +44,9 @@ class Refinement:
         options = argparse.Namespace(**vars(options) | {"photo": options.photograph})
         sight = read_observation(options, None)
         say_doubts([*doubts_of_sight(options, sight), *doubts_of_light(probe)])
-        return cls(options.photo, sight, probe, CellTransport.build(probe, sight.view))
+        with told_if_slow(f"sampling the light that every pixel of {options.photo} shows, once for all fits"):
+            transport = CellTransport.build(probe, sight.view)
+        return cls(options.photo, sight, probe, transport)
 
     def error(self, fit: AnalyticFit) -> float:
         """How far a fit's pixels are from the photograph's, as those of a refined one."""
