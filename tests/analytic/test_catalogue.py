@@ -174,3 +174,7 @@ def test_bad_parameters():
         ggx.evaluate({**ggx.defaults, "roughness": torch.ones(2)}, geometry)
     with pytest.raises(ValueError, match="no analytic model 'phong'; there are lambert, ggx"):
         model_of("phong")
+    with pytest.raises(ValueError, match=r"^no analytic model 'roughconductor' \(did you mean rough-conductor\?\);"):
+        model_of("roughconductor")
+    with pytest.raises(ValueError, match=r"^no analytic model 'GGX' \(did you mean ggx or ggx-dielectric\?\); there"):
+        model_of("GGX")

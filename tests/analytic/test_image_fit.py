@@ -316,7 +316,7 @@ def test_black_pictures_are_one(photograph: Tensor, transport: CellTransport):
 def test_bad_arguments(photograph: Tensor, transport: CellTransport):
     def fails(message: str, image: Tensor = photograph, view: tb.SphereView = VIEW, **settings: object) -> None:
         with pytest.raises(ValueError, match="^" + re.escape(message)):
-            fit_analytic_to_image(image, PROBE, view, **{"transport": transport, **settings})
+            fit_analytic_to_image(image, view=view, **{"probe": PROBE, "transport": transport, **settings})
 
     broken = photograph.clone()
     broken[1, 10, 10] = float("nan")
@@ -335,6 +335,8 @@ def test_bad_arguments(photograph: Tensor, transport: CellTransport):
     fails("mask must be bool (1, 20, 20), got torch.bool (20, 20)", mask=VIEW.mask[0])
     fails("method must be 'adam' or 'least-squares', got 'bfgs'", method="bfgs")
     fails("no analytic model 'phong'; there are lambert, ", model="phong")
+    order = "the order is tb.fit_analytic_to_image(image, probe, view)"
+    fails(f"tb.fit_analytic_to_image: probe must be a LightProbe, got a SphereView; {order}", probe=VIEW, view=PROBE)
     fails("most_evaluations must be at least 1, got 0", most_evaluations=0)
     fails("most_evaluations must be at least 1, got -3", most_evaluations=-3)
     fails("ggx needs the parameters diffuse, specular, roughness, got diffuse", start=numbers(diffuse=0.5))
@@ -342,8 +344,9 @@ def test_bad_arguments(photograph: Tensor, transport: CellTransport):
     fails("the start is a fit of lambert; give one of ggx, or model='lambert'", start=fit)
     apart = replace(fit, model="ggx", parameters={**GGX, "roughness": torch.ones(3)})
     fails("roughness of ggx must be 1 number with shared=True, got (3,)", start=apart)
+    fails("the transport was built for another probe; make it anew: CellTransport.build(", probe=PROBE.scaled(2))
     fails(
-        "the transport was built for another probe or for SphereView(20, orthographic, ",
+        "the transport was built for SphereView(20, orthographic, ",
         torch.ones(3, 24, 24),
         tb.SphereView(24),
     )

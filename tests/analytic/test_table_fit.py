@@ -530,6 +530,14 @@ def test_bad_arguments(ggx: tb.MerlTable, settings: dict[str, object], message: 
         fit_analytic(ggx, **settings)
 
 
+def test_what_is_no_table():
+    one = "must be a MerlTable, got 'gold.binary'; take result.brdf(library), library.table(name) or tb.read_table("
+    with pytest.raises(ValueError, match="^" + re.escape(f"tb.fit_analytic: material {one}")):
+        fit_analytic("gold.binary")
+    with pytest.raises(ValueError, match="^" + re.escape(f"tb.fit_analytic_batch: materials {one}")):
+        fit_analytic_batch(["gold.binary"], progress=False)
+
+
 def test_tables_without_light(ggx: tb.MerlTable):
     black = replace(ggx, name="soot", values=0 * ggx.values)
     negative = replace(ggx, name="soot", values=-ggx.values)

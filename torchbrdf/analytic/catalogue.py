@@ -4,6 +4,7 @@ from importlib import import_module
 
 from torchbrdf.analytic import models
 from torchbrdf.analytic.model import AnalyticModel
+from torchbrdf.files import did_you_mean
 
 MODELS: dict[str, AnalyticModel] = {
     name: import_module(f"{models.__name__}.{name.replace('-', '_')}").MODEL for name in models.NAMES
@@ -14,5 +15,5 @@ MODELS: dict[str, AnalyticModel] = {
 def model_of(name: str) -> AnalyticModel:
     """A model by its name. Raises ValueError with the names there are."""
     if name not in MODELS:
-        raise ValueError(f"no analytic model {name!r}; there are {', '.join(MODELS)}")
+        raise ValueError(f"no analytic model {name!r}{did_you_mean(str(name), MODELS)}; there are {', '.join(MODELS)}")
     return MODELS[name]

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
+from torchbrdf.arguments import check_types
 from torchbrdf.brdf import GRID, N_CELLS, MerlTable, above_horizon, cell_centres, nearest_measured
 from torchbrdf.light import LightProbe
 from torchbrdf.transport import plan_transport
@@ -56,6 +57,7 @@ class CellTransport:
         """Draw the samples and sum them by cell; reciprocal BRDFs only, as phi_d is folded."""
         from scipy.sparse import coo_array
 
+        check_types("CellTransport.build", probe=(probe, LightProbe), view=(view, View))
         plan = plan_transport(_typical_columns(), probe, view, samples, seed)
         parts = [
             (chosen.repeat_interleave(drawn.cells.shape[1]), drawn.cells.ravel(), drawn.weights.flatten(1))

@@ -19,6 +19,7 @@ from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.settings import MOST_ON_A_PHOTOGRAPH
 from torchbrdf.analytic.table_fit import DEFAULT_MODEL, AnalyticFit, Start, serial_operations, starting_points
 from torchbrdf.analytic.variables import FitVariables
+from torchbrdf.arguments import check_types
 from torchbrdf.light import LightProbe
 from torchbrdf.view import View
 
@@ -69,10 +70,12 @@ def fit_analytic_to_image(
     if most < 1:
         raise ValueError(f"most_evaluations must be at least 1, got {most}")
     variables = FitVariables(model_of(model), shared)
-    image = _checked(image, view, mask)
+    image = _checked(image, probe, view, mask)
     transport = transport or CellTransport.build(probe, view)
-    if transport.view.fingerprint != view.fingerprint or transport.probe != probe.fingerprint:
-        raise ValueError(f"the transport was built for another probe or for {transport.view}, not for {view}")
+    same_view = transport.view.fingerprint == view.fingerprint
+    if not same_view or transport.probe != probe.fingerprint:
+        other = "another probe" if same_view else f"{transport.view}, not for {view}"
+        raise ValueError(f"the transport was built for {other}; make it anew: CellTransport.build(probe, view)")
     residuals = ImageResiduals.of_image(image, transport, mask)
     search, first = (descend, most) if method == "adam" else (minimise, (most + 1) // 2)
     with serial_operations():
@@ -118,10 +121,11 @@ def _warnings(best: Minimum, most: int, model: str, at_bounds: tuple[str, ...]) 
     )
 
 
-def _checked(image: Tensor, view: View, mask: Tensor | None) -> Tensor:
+def _checked(image: Tensor, probe: LightProbe, view: View, mask: Tensor | None) -> Tensor:
     for what, values in (("the photograph", image), ("mask", mask)):
         if values is not None and not isinstance(values, Tensor):
             raise ValueError(f"{what} must be a tensor, got {type(values).__name__}; see torch.from_numpy")
+    check_types("tb.fit_analytic_to_image", image=(image, Tensor), probe=(probe, LightProbe), view=(view, View))
     if image.shape != (3, *view.size):
         raise ValueError(f"the photograph must be {(3, *view.size)} as the view, got {tuple(image.shape)}")
     if image.dtype not in (torch.float32, torch.float64):

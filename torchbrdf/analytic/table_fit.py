@@ -29,6 +29,7 @@ from torchbrdf.analytic.settings import DEFAULT_METRIC, DEFAULT_MODEL, IMAGE_MET
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.analytic.table_residuals import TableResiduals, Uncertainty, fit_cells
 from torchbrdf.analytic.variables import FitVariables
+from torchbrdf.arguments import check_types, several
 from torchbrdf.brdf import GRID, METRICS, MaterialLibrary, MerlTable
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
@@ -143,6 +144,7 @@ def fit_analytic(
         table = material.brdf(library)
         own = None if material.posteriors is None else _own_uncertainty(material, library)
     else:
+        check_types("tb.fit_analytic", material=(material, MerlTable))
         table, own = material, None
     given = None if uncertainty is None else _given_uncertainty(uncertainty, table)
     search = _Search.of(model, shared, largest_angle_deg, most_evaluations, start)
@@ -162,12 +164,13 @@ def fit_analytic_batch(
 ) -> list[AnalyticFit]:
     """`fit_analytic` of many tables, or of every material of a library, side by side on all cores."""
     search = _Search.of(model, shared, largest_angle_deg, most_evaluations)
-    library = materials if isinstance(materials, MaterialLibrary) else None
-    tables = [] if isinstance(materials, MaterialLibrary) else list(materials)
-    count = len(tables) if library is None else len(library)
+    if not isinstance(materials, MaterialLibrary):
+        materials = several("tb.fit_analytic_batch", "materials", materials, MerlTable)
+    count = len(materials)
 
     def one(i: int) -> AnalyticFit:
-        return search.fit(tables[i] if library is None else library.table(library.names[i]), metric)
+        table = materials.table(materials.names[i]) if isinstance(materials, MaterialLibrary) else materials[i]
+        return search.fit(table, metric)
 
     with serial_operations() as threads, ThreadPoolExecutor(threads) as pool:
         fits = pool.map(one, range(count))
