@@ -13,7 +13,7 @@ from torch import Tensor
 
 import torchbrdf as tb
 from bsdf_cases import direction_pairs, interior, numbers
-from torchbrdf.analytic._least_squares import best_of, minimise
+from torchbrdf.analytic._least_squares import Progress, best_of, minimise
 from torchbrdf.analytic.catalogue import MODELS
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.analytic.table_fit import AnalyticFit, fit_analytic, fit_analytic_batch, most_alike, serial_operations
@@ -548,6 +548,12 @@ def test_tables_without_light(ggx: tb.MerlTable):
     grazing[:, 85:] = True
     with pytest.raises(ValueError, match=f"^ggx of ggx: {LIMITS}"):
         fit_analytic(replace(ggx, valid=grazing))
+
+
+def test_the_repr_leaves_out_the_history():
+    fit = AnalyticFit("ggx", GGX, "log", 0.1, True, 1, 1, 0.0, history=(Progress(1, 0.5, 0.25),) * 600)
+    assert repr(fit).startswith("AnalyticFit(model='ggx', parameters={'diffuse': ")
+    assert "Progress" not in repr(fit)
 
 
 def test_public_names():

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import nan
 
@@ -83,7 +83,7 @@ class AnalyticFit:
     at_bounds: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     name: str = "unnamed"
-    history: tuple[Progress, ...] = ()
+    history: tuple[Progress, ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         """One line: the model, its parameters, and how well it fits."""

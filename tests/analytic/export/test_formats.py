@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 from types import ModuleType
@@ -289,6 +290,14 @@ def test_native_fit_keeps_what_is_native():
     assert native_fit(plastic, plastic.table, FORMATS["mitsuba"]) is plastic
     assert native_fit(GGX, GGX.table, FORMATS["binary"]) is GGX
     assert native_fit(SEPARATE, GGX.table, FORMATS["binary"]) is SEPARATE
+
+
+def test_native_fit_does_not_carry_a_photograph_over():
+    refined = replace(GGX, metric="pixels")
+    message = "ggx was fitted to a photograph, and a gltf file holds metallic-roughness; fit that to the photograph: "
+    with pytest.raises(ValueError, match=f"^{message}"):
+        native_fit(refined, GGX.table, FORMATS["gltf"])
+    assert native_fit(refined, GGX.table, FORMATS["binary"]) is refined
 
 
 @pytest.mark.parametrize("other", [GGX, SEPARATE])

@@ -15,6 +15,7 @@ from torchbrdf.analytic.export.gltf import write_gltf
 from torchbrdf.analytic.export.materialx import write_materialx
 from torchbrdf.analytic.export.mitsuba import MITSUBA, write_mitsuba
 from torchbrdf.analytic.export.settings import SUFFIXES
+from torchbrdf.analytic.image_fit import PIXELS
 from torchbrdf.analytic.settings import DEFAULT_MODEL
 from torchbrdf.analytic.table_fit import AnalyticFit, fit_analytic
 from torchbrdf.brdf import MerlTable
@@ -111,6 +112,16 @@ def _choice(names: list[str]) -> str:
 def native_fit(fit: AnalyticFit, table: MerlTable, wanted: Format, **options: Any) -> AnalyticFit:
     """What a file of a format holds: the fit, or one of the format's own model to the same table in the same metric.
 
+    fit      of `table`; one of a photograph only where a file can say what was fitted
+    wanted   one of `FORMATS`
     options  of `fit_analytic`: uncertainty, largest_angle_deg, most_evaluations
+    Raises ValueError for a fit of a photograph that the file cannot say: carried over to a table it would lose that.
     """
-    return fit if wanted.holds(fit) else fit_analytic(table, wanted.models[0], fit.metric, **options)
+    if wanted.holds(fit):
+        return fit
+    if fit.metric == PIXELS:
+        raise ValueError(
+            f"{fit.model} was fitted to a photograph, and a {wanted.name} file holds {' or '.join(wanted.models)}; fit "
+            f'that to the photograph: fit_analytic_to_image(image, probe, view, "{wanted.model}", start=...)'
+        )
+    return fit_analytic(table, wanted.models[0], fit.metric, **options)
