@@ -39,6 +39,7 @@ from torchbrdf.experiments import (
     read_targets,
     relatives,
 )
+from torchbrdf.images import relative_rms
 from torchbrdf.report.doubts import DARK_MIDDLE, darkest_middle
 
 THETA_H = torch.arange(25)
@@ -112,16 +113,15 @@ def left_out(
     for material in tqdm(library.names[::STEP], desc="left out", leave=False):
         dropped = relatives(material, library.names)
         less = library.without(*dropped)
+        fewer = whole_without(classes, less)
         shown = {name: (basis.image(material).double(), basis.without(*dropped)) for name, basis in bases.items()}
         for probe, (image, basis) in shown.items():
             photograph = noisy_observations(image, [noise], f"{material} {probe}")[0].float()
             for constraint in constraints:
-                estimate = tb.BRDFEstimator(
-                    basis, whole_without(classes, less), constraint=constraint, library=less
-                )
+                estimate = tb.BRDFEstimator(basis, fewer, constraint=constraint, library=less)
                 weights = estimate(photograph).weights.double()
                 others = [pair for name, pair in shown.items() if name != probe]
-                errors = [float((one.render(weights) - truth).norm() / truth.norm()) for truth, one in others]
+                errors = [relative_rms(one.render(weights), truth, one.mask) for truth, one in others]
                 yield constraint, statistics.mean(errors)
 
 

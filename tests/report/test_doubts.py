@@ -82,5 +82,5 @@ def test_the_middle_of_highlights_is_beside_what_is_brightest_near_them(tiny_tab
     assert darkest_middle(MerlTable(values, white.valid)) == 0
 
 
-def test_no_material_of_the_library_is_dark_in_its_middle(tiny_tables):
+def test_no_material_of_one_lobe_is_dark_in_its_middle(tiny_tables):
     assert all(darkest_middle(table) > DARK_MIDDLE for table in tiny_tables.values())

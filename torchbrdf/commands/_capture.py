@@ -93,11 +93,12 @@ def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
 def _doubts_of_mirror(options: argparse.Namespace) -> list[Doubt]:
     """A mirror ball that is the probe, or of which `torchbrdf probe` made it, and nobody said what it reflects."""
     if options.probe_layout == "mirror_ball" and options.mirror_reflectance is None:
-        return [Doubt("reflectance", f"{options.probe}: {REFLECTS_ALL}; give --mirror-reflectance R")]
-    if _attribute_of(options.probe, REFLECTANCE_KEY) == NOT_GIVEN:
+        cure = "give --mirror-reflectance R"
+    elif _attribute_of(options.probe, REFLECTANCE_KEY) == NOT_GIVEN:
         cure = "make it again by `torchbrdf probe` with --mirror-reflectance R or --metal NAME"
-        return [Doubt("reflectance", f"{options.probe}: {REFLECTS_ALL}; {cure}")]
-    return []
+    else:
+        return []
+    return [Doubt("reflectance", f"{options.probe}: {REFLECTS_ALL}; {cure}")]
 
 
 def _refuse_the_mirror(options: argparse.Namespace) -> None:

@@ -13,7 +13,7 @@ from torchbrdf.estimation import Gap
 from torchbrdf.images import exposure_for, tone_map
 from torchbrdf.report._description import PEAK, Alike, Gloss, gloss_of, in_words, looks_clipped, most_alike
 from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map, theta_h_curve
-from torchbrdf.report._improvements import improvements, sentence
+from torchbrdf.report._improvements import ANOTHER_FIT, improvements, sentence
 from torchbrdf.report._pictures import ball, kind_of
 from torchbrdf.report._spread import NINETY, spread_scale
 from torchbrdf.report.advice import ADVICE, Topic, marked
@@ -165,7 +165,7 @@ def _better(acts: Sequence[Topic], tried: Collection[str]) -> str:
         f'<li>{marked(text)} <a href="#{ADVICE[topic].anchor}">Why</a></li>' for topic, text in said_of.items()
     )
     said = f"<ol>{items}</ol>" if items else ""
-    if set(said_of) <= {"clamped", "dark-middle"}:  # of which no photograph needs to be taken anew
+    if ANOTHER_FIT.issuperset(said_of):  # of which no photograph needs to be taken anew
         text = (
             f"Nothing {'else ' if items else ''}stands out. What helps most is a second photograph, from another side "
             "or under another light: `torchbrdf observe --probe PROBE --suggest` says which, and `torchbrdf fit "

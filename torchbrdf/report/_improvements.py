@@ -15,8 +15,11 @@ _ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing
 """Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first; then
 what another fit of the same photograph mends."""
 
-_SAME: tuple[set[Topic], ...] = ({"gloss", "shadow", "uncertain", "grazing"}, {"dark-middle", "clamped"})
-"""More light or a second photograph, and another constraint: one topic of each says it."""
+_MORE_LIGHT: frozenset[Topic] = frozenset({"gloss", "shadow", "uncertain", "grazing"})
+"""More light, or a second photograph: one of them says it."""
+
+ANOTHER_FIT: frozenset[Topic] = frozenset({"dark-middle", "clamped"})
+"""Another constraint on the same photograph: one of them says it."""
 
 
 def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
@@ -26,8 +29,10 @@ def improvements(doubted: Iterable[Topic], gaps: Sequence[Gap]) -> list[Topic]:
     gaps     of the light
     """
     found = [topic for topic in _ORDER if topic in {*doubted, *gaps}]
-    said_before = {topic for same in _SAME for topic in [one for one in found if one in same][1:]}
-    return [topic for topic in found if topic not in said_before and ADVICE[topic].actions][:MOST]
+    for same in (_MORE_LIGHT, ANOTHER_FIT):
+        said_before = [topic for topic in found if topic in same][1:]
+        found = [topic for topic in found if topic not in said_before]
+    return [topic for topic in found if ADVICE[topic].actions][:MOST]
 
 
 def sentence(topic: Topic, tried: Collection[str]) -> str:
