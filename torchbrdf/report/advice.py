@@ -245,8 +245,9 @@ ADVICE: dict[Topic, Advice] = {
         "A combination of measured BRDFs with weights of both signs can be negative in some cells, which no "
         "material is. They are set to zero. That changes nothing where the photograph looks, and may leave dark "
         "spots or rings elsewhere.",
-        "Look for black spots and rings in the pictures under directional lights. `--constraint lobes` finds the "
-        "nearest BRDF whose highlights have none; `--constraint energy` one that is nowhere negative.",
+        "Look for black spots and rings in the pictures under directional lights. `--constraint lobes`, which `fit` "
+        "takes unless another or a penalty is given, finds the nearest BRDF whose highlights have none; "
+        "`--constraint energy` one that is nowhere negative.",
         "constraints.md#when-each-helps",
         "Constraints: when each helps",
     ),
@@ -259,9 +260,10 @@ ADVICE: dict[Topic, Advice] = {
         "about the mirror direction is made of it leaves open, and a combination of sharper materials with weights of "
         "both signs may be darker there than beside it, or black. Pictures under a probe do not show it. Under a point "
         "light it is a dark spot in a bright ring.",
-        "`--constraint lobes` finds the nearest BRDF whose highlights fall off from their middle. Its tables "
-        "are nearer to measured ones there, and its pictures as good. A photograph under smaller lamps, with more "
-        "pixels, tells more of the middle.",
+        "`--constraint lobes`, which `fit` takes unless another or a penalty is given, finds the nearest BRDF whose "
+        "highlights fall off from their middle; in Python it is `BRDFEstimator(basis, classes, constraint=\"lobes\", "
+        "library=library)`. Its tables are nearer to measured ones there, and its pictures as good. A photograph under "
+        "smaller lamps, with more pixels, tells more of the middle.",
         "constraints.md#highlights",
         "Constraints: highlights",
     ),
