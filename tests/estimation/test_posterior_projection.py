@@ -76,4 +76,5 @@ def test_none_at_all(bank, bounds, found):
     parts = (found.brightness, found.deviation, found.quadratic, found.log_evidence)
     none = Explanation(bank, *(part[:0] for part in parts))
     projected = SeenPriors.of(bank, bounds).project(none, torch.zeros(0, 3, N).double())
-    assert projected.weights.shape == (0, 3, N) and projected.optimality.shape == (0, 3)
+    assert projected.weights.shape == (0, 3, N)
+    assert projected.optimality.shape == (0, 3)

@@ -9,7 +9,7 @@ from html import escape
 from typing import Literal, get_args
 
 Topic = Literal[
-    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "reflectance", "too-bright",
+    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "negative", "reflectance", "too-bright",
     "uncertain", "normals", "gloss", "grazing", "shadow",
     "class", "oscillation", "clamped", "dark-middle",
 ]  # fmt: skip
@@ -119,6 +119,19 @@ ADVICE: dict[Topic, Advice] = {
         "roughly.",
         "inputs.md",
         "Input files",
+    ),
+    "negative": Advice(
+        "Radiance below zero",
+        (
+            "develop the photograph with its black level, so that black is 0",
+        ),
+        "No radiance is below zero. Pixels that are tell that more was subtracted than the sensor's black level, or "
+        "that colours lie outside those that the file can hold. Then dark parts of the shape, which tell of grazing "
+        "light and of what is reflected sideways, are too dark, too.",
+        "Have the raw file developed by a program that takes the black level from it, such as `torchbrdf merge`, and "
+        "subtract nothing more. A few pixels of noise about 0 do no harm, and `--mask` leaves out those that do.",
+        "capture_guide.md#the-photograph",
+        "Capture guide: the photograph",
     ),
     "reflectance": Advice(
         "The reflectance of the mirror ball is not known",
