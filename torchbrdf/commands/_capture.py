@@ -32,8 +32,9 @@ _CROPPED = 0.02
 """Of the radius: how far a ball's circle may be from the largest that a picture holds, which is cut to it."""
 
 
-_NEGATIVE = 0.02
-"""Of a photograph's root mean square: how much of it may be below zero without a word, as noise about black is."""
+_NEGATIVE = 0.05
+"""Of a photograph's root mean square: how much of it may be below zero without a word. Noise about black is less, and so
+are colours of measured materials outside Rec. 709, at most 0.035 (docs/accuracy.md)."""
 
 
 def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = False) -> list[Doubt]:
