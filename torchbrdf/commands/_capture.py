@@ -33,8 +33,8 @@ _CROPPED = 0.02
 
 
 _NEGATIVE = 0.05
-"""Of a photograph's root mean square: how much of it may be below zero without a word. Noise about black is less, and so
-are colours of measured materials outside Rec. 709, at most 0.035 (docs/accuracy.md)."""
+"""Of a photograph's root mean square: how much of it may be below zero without a word. Noise about black is less, and
+so are colours of measured materials outside Rec. 709, at most 0.035 (docs/accuracy.md)."""
 
 
 def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = False) -> list[Doubt]:

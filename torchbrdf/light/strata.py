@@ -191,7 +191,7 @@ def _draw(
     grid = torch.stack(torch.meshgrid(cell, cell, indexing="ij"), -1)
     u, v = ((grid + jitter) / SIDE).to(power.device).flatten(1, 2).unbind(-1)
     row, v_rest = _rows(power, rectangles, u)
-    column, w_rest = _columns(power, row, *rectangles[:, 2:, None].unbind(1), v)
+    column, w_rest = _columns(power, rectangles, row, v)
     directions, density = tables.place(*(each.reshape(-1) for each in (row, column, v_rest, w_rest)))
     return directions.reshape(k, -1, 3), density.reshape(k, -1)
 
@@ -208,11 +208,12 @@ def _rows(power: Tensor, rectangles: Tensor, u: Tensor) -> tuple[Tensor, Tensor]
     return top + step, _rest(target, above.gather(1, step), above.gather(1, step + 1))
 
 
-def _columns(power: Tensor, row: Tensor, left: Tensor, right: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
-    """The columns (K, N) from left to right (K, 1) of rows (K, N) before which the share v of power lies; the rest.
+def _columns(power: Tensor, rectangles: Tensor, row: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
+    """The columns (K, N) of rows (K, N) left of which the share v of the power in the rectangle lies, the rest of v.
 
-    Rows are searched at once, each as its number and the share of its own power before a column.
+    All rows are searched at once, each as its number and the share of its own power before a column.
     """
+    left, right = rectangles[:, 2:3], rectangles[:, 3:]
     start = row * (power.shape[1] + 1)
     before = torch.nn.functional.pad(power, (1, 0)).cumsum(1)
     whole = before[:, -1:]
