@@ -141,7 +141,7 @@ def test_the_estimator_gets_the_options(tiny_library):
     observation = Observation(image, view.mask)
     plain = fit(observation, probe, tiny_library, "auto", view, basis)
     record = weights_record(plain)
-    assert (record["penalty"], record["constraint"], record["robust"]) == ("auto", None, False)
+    assert (record["penalty"], record["constraint"], record["robust"]) == ("auto", "lobes", False)
     j, n, size = record["class"], plain.classes.n_classes, plain.classes.sizes[record["class"]]
     percent = f"{record['class_probabilities'][j]:.0%}"
     error = f"relative error on the photograph {record['relative_error']:.2%}"

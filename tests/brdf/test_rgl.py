@@ -159,11 +159,16 @@ class TestTables:
 
 
 class TestAnisotropic:
+    @pytest.fixture
+    def cells_as_a_whole(self, monkeypatch):
+        """Those of sharp lobes, too: all azimuths of them in parts take long."""
+        monkeypatch.setattr("torchbrdf.brdf.rgl_table._FINE_PARTS", 1)
+
     def test_is_refused(self, written):
         with pytest.raises(ValueError, match=r"made\.bsdf: anisotropic, measured for 9 azimuths, and a MERL table has"):
             read_table(written(azimuths=9))
 
-    def test_mean_of_equal_azimuths_is_the_material(self, written):
+    def test_mean_of_equal_azimuths_is_the_material(self, written, cells_as_a_whole):
         held = fields(4)
         alike = {name: np.repeat(held[name][:1], 4, 0) for name in ("rgb", "luminance")}
         vndf = np.ones_like(held["vndf"])
@@ -171,7 +176,7 @@ class TestAnisotropic:
         one = read_table(written(vndf=vndf[:1], rgb=np.full_like(fields()["rgb"], 0.5)))
         torch.testing.assert_close(found.values, one.values, rtol=1e-4, atol=1e-4)
 
-    def test_spread_is_said(self, written):
+    def test_spread_is_said(self, written, cells_as_a_whole):
         colours = fields(4)["rgb"]
         colours[:2] *= 3
         with pytest.warns(UserWarning, match="its mean over all azimuths differs from it by"):

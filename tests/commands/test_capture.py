@@ -12,12 +12,14 @@ from torchbrdf.camera.ball import Ball
 from torchbrdf.commands._capture import FOV_KEY, NOT_GIVEN, REFLECTANCE_KEY, doubts_of_light, doubts_of_sight
 from torchbrdf.images import write_image
 from torchbrdf.light.probe import LightProbe
-from torchbrdf.photograph import Circle
+from torchbrdf.photograph import Circle, Observation
 
 
 def sight(silhouette: object, size: tuple[int, int] = (60, 90), whole_numbers: bool = False) -> SimpleNamespace:
     full = torch.zeros(1, *size, dtype=torch.bool) if whole_numbers else None
-    return SimpleNamespace(silhouette=silhouette, photograph=SimpleNamespace(size=size, full=full))
+    lit = torch.ones(3, 8, 8)
+    photograph = SimpleNamespace(size=size, full=full)
+    return SimpleNamespace(silhouette=silhouette, photograph=photograph, observation=Observation(lit, lit[:1] > 0))
 
 
 def options(probe: object = "default", layout: str = "latlong", reflectance: list[float] | None = None) -> Namespace:
@@ -69,6 +71,19 @@ def test_a_mirror_ball_of_which_nobody_says_what_it_reflects(tmp_path):
     for told, said in ((NOT_GIVEN, ["reflectance"]), ("the ball reflects 0.6 of the light", [])):
         LightProbe.default(16).save(tmp_path / "probe.exr", metadata={REFLECTANCE_KEY: told})
         assert topics(options(tmp_path / "probe.exr"), sight(None)) == said
+
+
+@pytest.mark.parametrize(("black", "said"), [(0.0, []), (0.3, []), (1.0, ["negative"])])
+def test_radiance_below_zero(black, said):
+    seen = sight(None)
+    seen.observation.image.copy_((torch.linspace(0, 4, 64).view(8, 8) - black).expand(3, -1, -1))
+    assert topics(options(), seen) == said
+    assert topics(options(), seen, True) == said
+    if said:
+        (doubt,) = doubts_of_sight(options(), seen)
+        assert doubt.text.startswith("ball.exr: 25% of what it shows of the shape is below zero, down to -1 where")
+    seen.observation.mask[:, :2] = False  # the sixteen darkest
+    assert topics(options(), seen) == []
 
 
 def clipped_sky(texels: int) -> LightProbe:

@@ -63,22 +63,6 @@ def gaussians(posterior: Posterior) -> list[tuple[float, Tensor, Tensor]]:
     return parts
 
 
-def test_precision_inverts_the_covariance():
-    root = random(3, N, N)
-    moments = Moments(random(3, N), root @ root.mT)
-    product = moments.precision @ moments.covariance
-    assert torch.allclose(product, torch.eye(N).double().expand_as(product), atol=1e-6)
-
-
-def test_precision_is_finite_where_the_covariance_has_no_inverse():
-    """A channel that photographs leave nothing open in, and weights that the priors keep at 0."""
-    covariance = torch.diag_embed(torch.tensor([[1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [3.0, 1e-3, 1.0]]).double())
-    precision = Moments(torch.zeros(3, 3).double(), covariance).precision
-    torch.linalg.cholesky(precision)
-    assert torch.allclose(precision[2].diagonal(), torch.tensor([1 / 3, 1e3, 1.0]).double())
-    assert float(precision[0, 2, 2]) > 1e5
-
-
 @pytest.mark.parametrize("rank", [None, 5])
 def test_moments_are_those_of_the_dense_mixture(rank):
     posterior = planned(rank)

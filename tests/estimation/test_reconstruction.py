@@ -62,6 +62,15 @@ def test_without_posteriors_a_result_is_small_and_says_what_is_gone(
     assert result[1].posterior.moments.mean.shape == (3, tiny_library.n)
 
 
+def test_on_another_device_it_is_without_posteriors(basis: tb.BasisImages, estimator: tb.BRDFEstimator):
+    result = estimator(photographs(basis))
+    here, there = result.to("cpu"), result.to("meta")
+    assert here.posteriors is result.posteriors
+    assert there.image.device == there.class_index.device == torch.device("meta")
+    with pytest.raises(ValueError, match="without_posteriors"):
+        there[0].posterior  # noqa: B018
+
+
 def test_with_a_fixed_penalty_there_is_nothing_to_leave_out(basis: tb.BasisImages, estimator: tb.BRDFEstimator):
     result = tb.BRDFEstimator(basis, estimator.classes, penalty=0.1)(photographs(basis))
     assert result.without_posteriors() is result

@@ -6,7 +6,9 @@ from typing import TypeVar
 Wanted = TypeVar("Wanted")
 
 _MADE_BY = {
+    "AnalyticFit": "make one with tb.fit_analytic(material, model)",
     "BasisImages": "make them with tb.render_basis(library, probe, view)",
+    "Format": "take one of torchbrdf.analytic.export.FORMATS, by its name",
     "LightProbe": "open one with tb.LightProbe.open(path)",
     "MaterialClasses": "make them with tb.MaterialClasses.fit(library)",
     "MaterialLibrary": "open one with tb.MaterialLibrary.default()",

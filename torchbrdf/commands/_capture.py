@@ -9,7 +9,7 @@ from pathlib import Path
 from torchbrdf.commands._sight import Sight
 from torchbrdf.images import Window, read_metadata
 from torchbrdf.light import LightProbe, clipped_share
-from torchbrdf.photograph import Circle
+from torchbrdf.photograph import Circle, Observation
 from torchbrdf.report import Doubt
 
 FOV_KEY = "mirrorBallFov"
@@ -32,6 +32,11 @@ _CROPPED = 0.02
 """Of the radius: how far a ball's circle may be from the largest that a picture holds, which is cut to it."""
 
 
+_NEGATIVE = 0.05
+"""Of a photograph's root mean square: how much of it may be below zero without a word. Noise about black is less, and
+so are colours of measured materials outside Rec. 709, at most 0.035 (docs/accuracy.md)."""
+
+
 def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = False) -> list[Doubt]:
     """What is doubtful of `options.photo`, under `options.probe`: its units, its camera.
 
@@ -49,6 +54,7 @@ def doubts_of_sight(options: argparse.Namespace, sight: Sight, exposed: bool = F
                 "floating point, exposed and scaled as the probe is",
             )
         )
+    found += _doubts_of_values(options.photo, sight.observation)
     if not exposed:
         found += _doubts_of_mirror(options)
     if isinstance(sight.silhouette, Circle):
@@ -88,6 +94,20 @@ def doubts_of_light(probe: LightProbe, aligned: bool = False) -> list[Doubt]:
         text = f"{probe.name}: {probe.lamps.about}, its brightest, look clipped; --align finds their radiance"
         return [Doubt("clipped-light", text)]
     return []
+
+
+def _doubts_of_values(photo: Path, observation: Observation) -> list[Doubt]:
+    """Radiance below zero, after averages over the pixels of the view."""
+    seen = observation.image[observation.mask.expand_as(observation.image)]
+    share = float(seen.clamp_max(0).norm() / seen.norm())
+    if not share > _NEGATIVE:
+        return []
+    text = (
+        f"{photo}: {float((seen < 0).float().mean()):.0%} of what it shows of the shape is below zero, down to "
+        f"{float(seen.min()):.2g} where the mean is {float(seen.mean()):.2g}, which no radiance is; see whether more "
+        "was subtracted from it than its black level"
+    )
+    return [Doubt("negative", text)]
 
 
 def _doubts_of_mirror(options: argparse.Namespace) -> list[Doubt]:

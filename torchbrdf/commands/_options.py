@@ -30,7 +30,7 @@ _PENALTY_HELP = (
 )
 _CONSTRAINT_HELP = (
     "nonnegative weights; convex: they also sum to 1; energy: a BRDF >= 0 that reflects no more than it gets; lobes: "
-    "highlights without rings and holes"
+    "highlights without rings and holes; default: lobes, with a fixed penalty none"
 )
 
 
@@ -228,7 +228,7 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--penalty", type=penalty, default=DEFAULT_PENALTY, metavar="auto|paper|X", help=_PENALTY_HELP
     )
-    parser.add_argument("--constraint", choices=CONSTRAINTS, help=_CONSTRAINT_HELP + "; default: none")
+    parser.add_argument("--constraint", choices=("none", *CONSTRAINTS), help=_CONSTRAINT_HELP)
     parser.add_argument("--robust", action="store_true", help="leave out pixels that do not fit, such as dead ones")
     add_size(parser, None, "resample to N x N pixels; default: its own, at most 128")
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -25,6 +25,9 @@ from torchbrdf.rendering import render_basis
 from torchbrdf.report import Subject
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
+
+Wanted = Constraint | Literal["none"]
+"""A constraint, or none whatever the penalty."""
 
 _VIEWS = 4
 """Whose estimators are kept for the next photographs."""
@@ -91,13 +94,19 @@ class Estimates:
         self,
         library: MaterialLibrary,
         penalty: Penalty = DEFAULT_PENALTY,
-        constraint: Constraint | None = None,
+        constraint: Wanted | None = None,
         robust: bool = False,
     ) -> None:
-        """As `BRDFEstimator` takes them."""
+        """As `BRDFEstimator` takes them.
+
+        constraint  None: "lobes" of the average over priors, which shows highlights no worse and leaves no holes in
+                    them (docs/constraints.md); none with a fixed penalty, the paper's method
+        """
         self.library, self.classes = library, MaterialClasses.fit(library)
         self._penalty: Penalty = penalty
-        self._constraint, self._robust = constraint, robust
+        asked = constraint or ("lobes" if penalty == "auto" else "none")
+        self._constraint: Constraint | None = None if asked == "none" else asked
+        self._robust = robust
         self._bases: LastFew[tuple[str, str], BasisImages] = LastFew(_VIEWS)
         self._settings: LastFew[tuple[str, str], Setting] = LastFew(_VIEWS)
 
@@ -156,12 +165,12 @@ def fit(
     penalty: Penalty = DEFAULT_PENALTY,
     view: View | None = None,
     basis: BasisImages | None = None,
-    constraint: Constraint | None = None,
+    constraint: Wanted | None = None,
     robust: bool = False,
 ) -> Fit:
     """Render the basis and solve.
 
-    penalty, constraint, robust  as `BRDFEstimator` takes them
+    penalty, constraint, robust  as `Estimates` takes them
     view   default: an orthographic sphere
     basis  rendered before, with this library, probe and view
     """

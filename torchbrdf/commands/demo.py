@@ -29,7 +29,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._demonstration import MATERIAL, NOISE, photographed
     from torchbrdf.commands._reconstruction import fit, result_record, summary, weights_record
     from torchbrdf.commands._results import write_results
-    from torchbrdf.images import relative_rms, write_image
+    from torchbrdf.images import relative_rms, with_rim, write_image
     from torchbrdf.light import LightProbe
     from torchbrdf.rendering import render
     from torchbrdf.view import SphereView
@@ -54,7 +54,8 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
             write_results(folder, fitted, settings)
             expected = render(truth, novel, large)
             got = render(fitted.table, novel, large)
-        write_image(folder / "novel_light.png", torch.cat([expected, got], dim=-1))
+        pair = [with_rim(picture, large.mask, large.coverage) for picture in (expected, got)]
+        write_image(folder / "novel_light.png", torch.cat(pair, dim=-1))
         names = sorted(path.name for path in folder.iterdir())
     findings.line(f"a simulated photograph of {MATERIAL}, recovered from the {len(library.names)} other materials")
     findings.line(summary(fitted))

@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, findings: Findings) -> int:
     """Render a sphere of a BRDF under a light probe, as .exr, .hdr, .png or .jpg."""
     from torchbrdf.commands._inputs import open_probe, open_table
-    from torchbrdf.images import DISPLAY_SUFFIXES, check_image_suffix, exposure_for, write_image
+    from torchbrdf.images import DISPLAY_SUFFIXES, check_image_suffix, exposure_for, with_rim, write_image
     from torchbrdf.rendering import render
     from torchbrdf.view import SphereView
 
@@ -37,6 +37,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         exposure, said = 1.0, ""
         if options.output.suffix.lower() in DISPLAY_SUFFIXES:
             exposure = exposure_for(image, view.mask) if options.exposure is None else options.exposure
+            image = with_rim(image, view.mask, view.coverage)
             said = f", radiance times {exposure:.3g}"
         write_image(temporary, image * exposure, primaries=options.primaries)
     findings.line(f"wrote {options.output}{said}")

@@ -113,7 +113,7 @@ def constrain(
         weights, iterations = project_nonnegative(points, precision, group, convex)
         with torch.no_grad():
             optimality = kkt_residual(points, precision, group, weights, sum_to_one=convex)
-    _warn(constraint, optimality)
+    warn_of(constraint, optimality)
     return Constrained(weights.reshape(shape), optimality.reshape(shape[:-1]), iterations.reshape(shape[:-1]))
 
 
@@ -140,7 +140,8 @@ def _check(mean: Tensor, precision: Tensor, constraint: str, bounds: Bounds | No
             raise ValueError(f"bounds are for {columns} weights, mean has {c}; use bounds.select(members)")
 
 
-def _warn(constraint: str, optimality: Tensor) -> None:
+def warn_of(constraint: str, optimality: Tensor) -> None:
+    """Warn where the optimality residual of any photograph and channel is above TOLERANCE."""
     poor = ~(optimality <= TOLERANCE)
     if poor.any():
         warnings.warn(
@@ -178,10 +179,15 @@ def _above(rows: Tensor, mean: Tensor, precision: Tensor, group: Tensor) -> tupl
     rows = rows[(rows != 0).any(-1)]
     limits = rows.new_zeros(len(rows))
     weights, multipliers, iterations = project_above(mean, _factor(precision), group, rows, limits)
-    weights = weights * (weights.abs() > _NOTHING * mean.abs())  # a row may be of one column, and be met at 0
+    weights = feasible_at_zero(weights, mean)
     with torch.no_grad():
         residual = kkt_residual(mean, precision, group, weights, multipliers, rows, limits)
     return weights, residual, iterations
+
+
+def feasible_at_zero(weights: Tensor, mean: Tensor) -> Tensor:
+    """Weights without those that are nothing beside the mean's: a row may be of one column, and be met at 0."""
+    return weights * (weights.abs() > _NOTHING * mean.abs())
 
 
 def _factor(precision: Tensor) -> Tensor:

@@ -12,11 +12,13 @@ from torch import Tensor
 from torchbrdf.arguments import several
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
-from torchbrdf.estimation.constraints import bounds_of, constrain
+from torchbrdf.estimation.constraints import Constrained, bounds_of, constrain
 from torchbrdf.estimation.image_space import ImageSpace
+from torchbrdf.estimation.lobe_bounds import LobeBounds
 from torchbrdf.estimation.masked_photographs import check_observation, groups_by_mask
 from torchbrdf.estimation.observability import Observability, observability
-from torchbrdf.estimation.posterior import Moments, PosteriorBatch
+from torchbrdf.estimation.posterior import PosteriorBatch
+from torchbrdf.estimation.posterior_projection import SeenPriors
 from torchbrdf.estimation.priors import Explanation, PriorBank, prior_variances
 from torchbrdf.estimation.reconstruction import Reconstruction
 from torchbrdf.estimation.rehearsal import Rehearsal, rehearse
@@ -26,7 +28,7 @@ from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solution import Solution
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 from torchbrdf.estimation.state_of_light import check_light, shortened, warn_of_light
-from torchbrdf.lasting import LastMade, lasting, without_autocast
+from torchbrdf.lasting import LastFew, LastMade, lasting, without_autocast
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import Frames
 
@@ -104,6 +106,7 @@ class BRDFEstimator(SharedBuffers):
         self._factors: LastMade[list[GramFactor]] = LastMade()
         self._bank: LastMade[PriorBank] = LastMade()
         self._masked_bank: tuple[PriorBank, Tensor, PriorBank] | None = None
+        self._seen_priors: LastFew[PriorBank, SeenPriors] = LastFew(1)
 
     def _check_state(self, state_dict: Mapping[str, Any], prefix: str) -> None:
         """Refuse a state of other materials or sizes, too; warn of one of another light."""
@@ -260,7 +263,7 @@ class BRDFEstimator(SharedBuffers):
         weights, class_weights = found.mean_and_first(k)
         optimality = weights.new_zeros(len(weights), 3)
         if self.constraint is not None and len(weights):
-            closest = constrain(weights, self._metric(found), self.constraint, self._bounds)
+            closest = self._within(found, weights)
             weights, optimality = closest.weights, closest.optimality
         fitted = (bank if whole else self.bank).space.render(weights, y.dtype)
         residual = y - fitted if whole else (y - fitted)[..., used]
@@ -276,15 +279,16 @@ class BRDFEstimator(SharedBuffers):
             evidence=found.detach(),
         )
 
-    def _metric(self, found: Explanation) -> Tensor:
-        """(B, 3, n, n): the precision in which constrained weights are nearest to the mean.
+    def _within(self, found: Explanation, mean: Tensor) -> Constrained:
+        """The constrained weights nearest to the mean.
 
-        Of highlights photographs tell too little for less than the posterior itself, a tenth of a second each.
+        In a metric of the averaged prior; of highlights photographs tell too little for less than the posterior itself.
         """
-        if self.constraint != "lobes":
-            return found.precision(found.shares)
-        each = (Moments.of(found, shares, row) for row, shares in enumerate(found.shares))
-        return torch.stack([moments.precision for moments in each])
+        assert self.constraint is not None
+        if isinstance(self._bounds, LobeBounds):
+            bounds, bank = self._bounds, found.bank
+            return self._seen_priors.get_or_make(bank, lambda: SeenPriors.of(bank, bounds)).project(found, mean)
+        return constrain(mean, found.precision(found.shares), self.constraint, self._bounds)
 
     @lasting
     def _bank_of(self, used: Tensor) -> PriorBank:

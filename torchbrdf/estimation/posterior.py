@@ -11,7 +11,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from torchbrdf.estimation.priors import SMALLEST_VARIANCE, Explanation
+from torchbrdf.estimation.priors import Explanation
 from torchbrdf.lasting import without_autocast
 
 UNMODELLED = 0.01
@@ -66,16 +66,6 @@ class Moments:
         mean = each @ share
         spread = (each - mean[..., None]) * share.sqrt()
         return cls(mean, covariance + torch.diag_embed(diagonal) + spread @ spread.mT)
-
-    @property
-    def precision(self) -> Tensor:
-        """(3, n, n): the inverse of the covariance, finite where that has none: along weights that priors keep at 0."""
-        variances = self.covariance.diagonal(dim1=-2, dim2=-1)
-        typical = variances.mean(-1, keepdim=True)
-        typical = torch.where(typical > 0, typical, 1)
-        least = (SMALLEST_VARIANCE * typical - variances).clamp_min(0) + variances.shape[-1] * _ROUNDING * typical
-        root = torch.linalg.cholesky((self.covariance + self.covariance.mT) / 2 + torch.diag_embed(least))
-        return torch.cholesky_inverse(root)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

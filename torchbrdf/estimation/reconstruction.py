@@ -85,6 +85,11 @@ class Reconstruction:
         """The same tensors without gradients, as `Tensor.detach`; posteriors never have any."""
         return self._each(Tensor.detach)
 
+    def to(self, device: torch.device | str) -> "Reconstruction":
+        """On another device, there `without_posteriors`, which are where the estimator is."""
+        moved = self._each(lambda tensor: tensor.to(device))
+        return moved if moved.weights.device == self.weights.device else moved.without_posteriors()
+
     def without_posteriors(self) -> "Reconstruction":
         """The same without what `posterior`, `image_std` and `brdf_std` need, which then raise ValueError.
 

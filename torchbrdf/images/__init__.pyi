@@ -8,6 +8,7 @@ from .display import (
     exposure_for as exposure_for,
     stops_for as stops_for,
     tone_map as tone_map,
+    with_rim as with_rim,
 )
 from .encodings import (
     DECODERS as DECODERS,

@@ -4,6 +4,7 @@ from math import log2
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 DISPLAY_GAMMA = 2.2
 
@@ -16,6 +17,16 @@ def tone_map(image: Tensor, exposure: float = 1.0) -> Tensor:
     source     [CBP21, section VII]
     """
     return torch.nan_to_num(image * exposure, nan=0.0).clamp(0.0, 1.0) ** (1.0 / DISPLAY_GAMMA)
+
+
+def with_rim(image: Tensor, mask: Tensor, coverage: Tensor) -> Tensor:
+    """An image (3, H, W) before black, of which pixels outside its mask (1, H, W) show the shape in part.
+
+    coverage  (1, H, W)  how much of each pixel it covers; they show as much of what is beside them under the mask
+    """
+    inside = torch.where(mask, image, 0)
+    beside = avg_pool2d(inside, 3, 1, 1) / avg_pool2d(mask.to(image), 3, 1, 1).clamp_min(1e-9)
+    return torch.where(mask, image, beside * coverage.to(image))
 
 
 def exposure_for(image: Tensor, used: Tensor) -> float:

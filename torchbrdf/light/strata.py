@@ -10,7 +10,6 @@ power of two near the mean a factor of up to two would remain, and half-precisio
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -190,32 +189,43 @@ def _draw(
     jitter = torch.rand(k, SIDE, SIDE, 2, generator=generator, dtype=torch.float64)
     cell = torch.arange(SIDE, dtype=torch.float64)
     grid = torch.stack(torch.meshgrid(cell, cell, indexing="ij"), -1)
-    u, v = ((grid + jitter) / SIDE).to(power.device).reshape(-1, 2).unbind(1)
-    top, bottom, left, right = rectangles.repeat_interleave(SIDE * SIDE, 0).unbind(1)
-    width = power.shape[1] + 1
-    rows, columns = _summed(power).ravel(), torch.nn.functional.pad(power, (1, 0)).cumsum(1).ravel()
-
-    def above(y: Tensor) -> Tensor:
-        start = y * width
-        return rows.index_select(0, start + right) - rows.index_select(0, start + left)
-
-    row, v_rest = _find(above, top, bottom, u)
-    start = row * width
-    column, w_rest = _find(lambda x: columns.index_select(0, start + x), left, right, v)
-    directions, density = tables.place(row, column, v_rest, w_rest)
+    u, v = ((grid + jitter) / SIDE).to(power.device).flatten(1, 2).unbind(-1)
+    row, v_rest = _rows(power, rectangles, u)
+    column, w_rest = _columns(power, rectangles, row, v)
+    directions, density = tables.place(*(each.reshape(-1) for each in (row, column, v_rest, w_rest)))
     return directions.reshape(k, -1, 3), density.reshape(k, -1)
 
 
-def _find(
-    cumulative: Callable[[Tensor], Tensor], low: Tensor, high: Tensor, u: Tensor
-) -> tuple[Tensor, Tensor]:
-    """The step (N,) of [low, high) in which the share u of a cumulative function falls, and the rest of u there."""
-    begin, end = cumulative(low), cumulative(high)
-    target = begin + u * (end - begin)
-    for _ in range(int((high - low).max()).bit_length()):
-        middle = (low + high) >> 1
-        right = cumulative(middle) <= target
-        low, high = torch.where(right, middle, low), torch.where(right, high, middle)
-    begin, end = cumulative(low), cumulative(low + 1)
+def _rows(power: Tensor, rectangles: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+    """The rows (K, N) of rectangles (K, 4) above which the share u (K, N) of their power lies, and the rest of u."""
+    top, bottom, left, right = rectangles[..., None].unbind(1)
+    edges = torch.minimum(top + torch.arange(int((bottom - top).max()) + 1, device=power.device), bottom)
+    start, rows = edges * (power.shape[1] + 1), _summed(power).ravel()
+    above = rows[start + right] - rows[start + left]
+    target = torch.lerp(above[:, :1], above[:, -1:], u)
+    step = torch.searchsorted(above, target, right=True) - 1
+    step = torch.minimum(step.clamp_min(0), bottom - top - 1)
+    return top + step, _rest(target, above.gather(1, step), above.gather(1, step + 1))
+
+
+def _columns(power: Tensor, rectangles: Tensor, row: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
+    """The columns (K, N) of rows (K, N) left of which the share v of the power in the rectangle lies, the rest of v.
+
+    All rows are searched at once, each as its number and the share of its own power before a column.
+    """
+    left, right = rectangles[:, 2:3], rectangles[:, 3:]
+    start = row * (power.shape[1] + 1)
+    before = torch.nn.functional.pad(power, (1, 0)).cumsum(1)
+    whole = before[:, -1:]
+    numbers = torch.arange(len(power), dtype=power.dtype, device=power.device)
+    ordered = (numbers[:, None] + before / torch.where(whole > 0, whole, 1)).ravel()
+    target = torch.lerp(ordered[start + left], ordered[start + right], v)
+    column = torch.searchsorted(ordered, target, right=True) - 1 - start
+    column = torch.minimum(torch.maximum(column, left), right - 1)
+    return column, _rest(target, ordered[start + column], ordered[start + column + 1])
+
+
+def _rest(target: Tensor, begin: Tensor, end: Tensor) -> Tensor:
+    """How far a target lies between two values, from 0 to 1 without them."""
     rest = torch.where(end > begin, (target - begin) / (end - begin), 0.5)
-    return low, rest.float().clamp(1e-7, 1 - 1e-7)
+    return rest.float().clamp(1e-7, 1 - 1e-7)

@@ -9,7 +9,7 @@ from html import escape
 from typing import Literal, get_args
 
 Topic = Literal[
-    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "reflectance", "too-bright",
+    "unexplained", "clipped", "clipped-light", "camera", "no-unit", "negative", "reflectance", "too-bright",
     "uncertain", "normals", "gloss", "grazing", "shadow",
     "class", "oscillation", "clamped", "dark-middle",
 ]  # fmt: skip
@@ -119,6 +119,19 @@ ADVICE: dict[Topic, Advice] = {
         "roughly.",
         "inputs.md",
         "Input files",
+    ),
+    "negative": Advice(
+        "Radiance below zero",
+        (
+            "develop the photograph with its black level, so that black is 0",
+        ),
+        "No radiance is below zero. Pixels that are tell that more was subtracted than the sensor's black level, or "
+        "that colours lie outside those that the file can hold. Then dark parts of the shape, which tell of grazing "
+        "light and of what is reflected sideways, are too dark, too.",
+        "Have the raw file developed by a program that takes the black level from it, such as `torchbrdf merge`, and "
+        "subtract nothing more. A few pixels of noise about 0 do no harm, and `--mask` leaves out those that do.",
+        "capture_guide.md#the-photograph",
+        "Capture guide: the photograph",
     ),
     "reflectance": Advice(
         "The reflectance of the mirror ball is not known",
@@ -245,8 +258,9 @@ ADVICE: dict[Topic, Advice] = {
         "A combination of measured BRDFs with weights of both signs can be negative in some cells, which no "
         "material is. They are set to zero. That changes nothing where the photograph looks, and may leave dark "
         "spots or rings elsewhere.",
-        "Look for black spots and rings in the pictures under directional lights. `--constraint lobes` finds the "
-        "nearest BRDF whose highlights have none; `--constraint energy` one that is nowhere negative.",
+        "Look for black spots and rings in the pictures under directional lights. `--constraint lobes`, which `fit` "
+        "takes unless another or a penalty is given, finds the nearest BRDF whose highlights have none; "
+        "`--constraint energy` one that is nowhere negative.",
         "constraints.md#when-each-helps",
         "Constraints: when each helps",
     ),
@@ -259,9 +273,10 @@ ADVICE: dict[Topic, Advice] = {
         "about the mirror direction is made of it leaves open, and a combination of sharper materials with weights of "
         "both signs may be darker there than beside it, or black. Pictures under a probe do not show it. Under a point "
         "light it is a dark spot in a bright ring.",
-        "`--constraint lobes` finds the nearest BRDF whose highlights fall off from their middle. Its tables "
-        "are nearer to measured ones there, and its pictures as good. A photograph under smaller lamps, with more "
-        "pixels, tells more of the middle.",
+        "`--constraint lobes`, which `fit` takes unless another or a penalty is given, finds the nearest BRDF whose "
+        "highlights fall off from their middle; in Python it is `BRDFEstimator(basis, classes, constraint=\"lobes\", "
+        "library=library)`. Its tables are nearer to measured ones there, and its pictures as good. A photograph under "
+        "smaller lamps, with more pixels, tells more of the middle.",
         "constraints.md#highlights",
         "Constraints: highlights",
     ),

@@ -68,6 +68,13 @@ class SphereView(View):
         return f"sphere {self._n} {self.fov_deg}{where}".encode()
 
     @property
+    def coverage(self) -> Tensor:
+        """(1, H, W) float32: the share of each pixel inside the silhouette, to 0.05; 1 under the mask."""
+        place = torch.linspace(1 / self._n - 1, 1 - 1 / self._n, self._n)
+        inside = (1 - torch.hypot(place[:, None], place)) * (self._n / 2)  # of the pixel's middle, in pixels
+        return torch.where(self.mask, 1, (inside + 0.5).clamp(0, 1))
+
+    @property
     def _ahead(self) -> bool:
         return self.direction == _AHEAD
 

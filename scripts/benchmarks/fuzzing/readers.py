@@ -137,7 +137,7 @@ def _unfinished(path: Path) -> None:
 
 
 _IMAGE = {"read_image": (_image, 6.0)}
-_PROBES = {"LightProbe.open": (_probe, 1.0), "LightProbe.open, mirror ball": (_mirror_ball, 0.5)}
+_PROBES = {"LightProbe.open": (_probe, 0.5), "LightProbe.open, mirror ball": (_mirror_ball, 0.25)}
 _OF_PROBES = dict.fromkeys(_PROBES, PROBE_CONSTANT)
 _LIGHT = _IMAGE | _PROBES
 _MASK = _IMAGE | {"read_mask": (_mask, 3.0)}

@@ -1,6 +1,7 @@
 """Files of analytic BRDFs, read back by the libraries of the programs that they are for."""
 
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -290,6 +291,12 @@ def test_native_fit_keeps_what_is_native():
     assert native_fit(plastic, plastic.table, FORMATS["mitsuba"]) is plastic
     assert native_fit(GGX, GGX.table, FORMATS["binary"]) is GGX
     assert native_fit(SEPARATE, GGX.table, FORMATS["binary"]) is SEPARATE
+
+
+def test_native_fit_takes_a_format_and_no_name_of_one():
+    message = "native_fit: wanted must be a Format, got 'mitsuba'; take one of torchbrdf.analytic.export.FORMATS, "
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        native_fit(GGX, GGX.table, "mitsuba")
 
 
 def test_native_fit_does_not_carry_a_photograph_over():

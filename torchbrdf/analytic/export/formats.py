@@ -18,6 +18,7 @@ from torchbrdf.analytic.export.settings import SUFFIXES
 from torchbrdf.analytic.image_fit import PIXELS
 from torchbrdf.analytic.settings import DEFAULT_MODEL
 from torchbrdf.analytic.table_fit import AnalyticFit, fit_analytic
+from torchbrdf.arguments import check_types
 from torchbrdf.brdf import MerlTable
 
 
@@ -117,6 +118,7 @@ def native_fit(fit: AnalyticFit, table: MerlTable, wanted: Format, **options: An
     options  of `fit_analytic`: uncertainty, largest_angle_deg, most_evaluations
     Raises ValueError for a fit of a photograph that the file cannot say: carried over to a table it would lose that.
     """
+    check_types("native_fit", fit=(fit, AnalyticFit), table=(table, MerlTable), wanted=(wanted, Format))
     if wanted.holds(fit):
         return fit
     if fit.metric == PIXELS:

@@ -1,5 +1,4 @@
 from .bank import (
-    SMALLEST_VARIANCE as SMALLEST_VARIANCE,
     Explanation as Explanation,
     PriorBank as PriorBank,
     redundancy as redundancy,

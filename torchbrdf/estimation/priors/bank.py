@@ -37,7 +37,7 @@ every prior is wrong, and in the same way at every pixel. Also in docs/ablation.
 NOISE_FLOOR = 0.003
 """Basis images and photographs are wrong by at least this share, however well they agree."""
 
-SMALLEST_VARIANCE = 1e-6
+_SMALLEST_VARIANCE = 1e-6
 """Of a basis BRDF in a constrained solve, relative to the mean of all, for its precision to be finite."""
 
 
@@ -210,7 +210,7 @@ class Explanation:
         """
         bank = self.bank
         variances = torch.einsum("bml,msl,mn->bsn", shares, 1 / bank.penalties, bank.variances)
-        least = SMALLEST_VARIANCE * variances.mean(-1, keepdim=True)
+        least = _SMALLEST_VARIANCE * variances.mean(-1, keepdim=True)
         return bank.space.white.mT @ bank.space.white + torch.diag_embed(1 / torch.maximum(variances, least))
 
     def detach(self) -> "Explanation":

@@ -1,5 +1,6 @@
 from .quadratic_programs import (
     kkt_residual as kkt_residual,
+    lift_above as lift_above,
     project_above as project_above,
     project_nonnegative as project_nonnegative,
 )

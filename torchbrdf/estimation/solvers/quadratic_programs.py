@@ -157,6 +157,28 @@ def project_above(
     return weights, multipliers, end.iterations
 
 
+def lift_above(gram: Tensor, short: Tensor) -> tuple[Tensor, Tensor]:
+    """Multipliers of the rows A of `project_above`, where M = A H^-1 A^T is known and neither H nor its factor.
+
+    gram     (N, m, m)  M
+    short    (N, m)     b - A mean
+    returns  l (N, m), so that w = mean + H^-1 A^T l, with gradients to both; iterations (N,) int64
+    """
+    with torch.no_grad():
+        scale = power_of_two(gram.diagonal(dim1=-2, dim2=-1).rsqrt())
+        unit = gram * scale[:, :, None] * scale[:, None, :]
+        own = torch.arange(len(gram), device=gram.device)
+        end = active_set(Metric(unit, own, ridge=_RIDGE), short * scale, torch.zeros_like(short))
+    index, padded = free_indices(end.free)
+    local = scale.gather(1, index)
+    block = gram[own[:, None, None], index[:, :, None], index[:, None, :]] * local[:, :, None] * local[:, None, :]
+    block = without_padding(block, padded)
+    right = torch.where(padded, 0.0, short.gather(1, index) * local)
+    lift = _refined(cholesky(block, _RIDGE), block, right[..., None])[..., 0] * local
+    lift = torch.where(padded | (lift < 0), 0.0, lift)
+    return torch.zeros_like(short).scatter_add(-1, index, lift), end.iterations
+
+
 def _refined(chol: Tensor, block: Tensor, right: Tensor) -> Tensor:
     """block^-1 right, with one step of iterative refinement."""
     solved = torch.cholesky_solve(right, chol)
