@@ -15,13 +15,11 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
-from coarse_grids import QUARTER_GRID
 from paths import ROOT
 from torchbrdf.alignment import LearnedRotation
 from torchbrdf.lasting import without_autocast
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.transport.harmonic import HarmonicBasis
-from torchbrdf.transport.harmonic.cache import transport_of
 from turns import turn_about
 
 TURN = turn_about((1, 2, -0.5), 25)
@@ -141,14 +139,10 @@ AROUND = [
 
 
 @pytest.fixture(scope="module")
-def capture(precomputed_directory: Path) -> Iterator[Capture]:
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in QUARTER_GRID.items():
-            patch.setattr(name, value)
-        made = Capture(tb.MaterialLibrary.from_merl(precomputed_directory, progress=False))
-        transport_of(made.library)
-        assert torch.isfinite(made.result.weights).all()
-        yield made
+def capture(precomputed_library: tb.MaterialLibrary) -> Capture:
+    made = Capture(precomputed_library)
+    assert torch.isfinite(made.result.weights).all()
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +168,7 @@ def float64_first(capture: Capture, precomputed_directory: Path, tmp_path_factor
         import pytest, torchbrdf, coarse_grids, test_precision
         from torchbrdf.transport.harmonic.cache import transport_of
         with pytest.MonkeyPatch.context() as patch:
-            for name, value in coarse_grids.QUARTER_GRID.items():
+            for name, value in coarse_grids.HALF_GRID.items():
                 patch.setattr(name, value)
             library = torchbrdf.MaterialLibrary.from_merl(sys.argv[1], progress=False)
             transport_of(library)

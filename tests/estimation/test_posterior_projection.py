@@ -65,6 +65,13 @@ def test_a_feasible_mean_stays_as_it_is(bank, bounds, found):
     assert not torch.equal(projected.weights[0], mean[0])
 
 
+def test_rows_that_say_nothing(bank, found):
+    """Those of a library of matte materials."""
+    projected = SeenPriors.of(bank, LobeBounds(torch.zeros(ROWS, N).double())).project(found, found.mean)
+    assert torch.equal(projected.weights, found.mean)
+    assert not projected.optimality.any()
+
+
 def test_photographs_do_not_touch_each_other(bank, bounds, found):
     together = SeenPriors.of(bank, bounds).project(found, found.mean).weights
     parts = (found.brightness, found.deviation, found.quadratic, found.log_evidence)

@@ -28,7 +28,7 @@ from torchbrdf.estimation.smooth_errors import smooth_errors
 from torchbrdf.estimation.solution import Solution
 from torchbrdf.estimation.solvers import GramFactor, balance, prior_mean, ridge, ridge_lstsq
 from torchbrdf.estimation.state_of_light import check_light, shortened, warn_of_light
-from torchbrdf.lasting import LastFew, LastMade, lasting, without_autocast
+from torchbrdf.lasting import LastMade, lasting, without_autocast
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import Frames
 
@@ -106,7 +106,7 @@ class BRDFEstimator(SharedBuffers):
         self._factors: LastMade[list[GramFactor]] = LastMade()
         self._bank: LastMade[PriorBank] = LastMade()
         self._masked_bank: tuple[PriorBank, Tensor, PriorBank] | None = None
-        self._seen_priors: LastFew[PriorBank, SeenPriors] = LastFew(1)
+        self._seen_priors: LastMade[SeenPriors] = LastMade()
 
     def _check_state(self, state_dict: Mapping[str, Any], prefix: str) -> None:
         """Refuse a state of other materials or sizes, too; warn of one of another light."""
@@ -287,7 +287,8 @@ class BRDFEstimator(SharedBuffers):
         assert self.constraint is not None
         if isinstance(self._bounds, LobeBounds):
             bounds, bank = self._bounds, found.bank
-            return self._seen_priors.get_or_make(bank, lambda: SeenPriors.of(bank, bounds)).project(found, mean)
+            seen = self._seen_priors.get_or_make([bank.vectors], lambda: SeenPriors.of(bank, bounds))
+            return seen.project(found, mean)
         return constrain(mean, found.precision(found.shares), self.constraint, self._bounds)
 
     @lasting

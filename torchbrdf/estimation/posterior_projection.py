@@ -66,12 +66,13 @@ class SeenPriors:
     def project(self, found: Explanation, mean: Tensor) -> Constrained:
         """The nearest weights to the posterior mean (B, 3, n) of photographs, with gradients to the photographs.
 
-        A mean that is feasible comes back as it is. Warns where the optimality residual is above the tolerance:
-        how far A w is below 0, or from it where a multiplier is, beside |A| |w| with the larger of the two weights.
+        A mean that is feasible comes back as it is. Warns where the optimality residual is above the tolerance: how far
+        A w lies below 0, or from 0 where a multiplier holds it there, as a share of |A| times the larger of |w| and
+        |mean|.
         """
         shown = mean @ self.rows.mT
         outside = torch.nonzero((shown < 0).any(-1).any(-1)).ravel()
-        multipliers, iterations = torch.zeros_like(shown), shown.new_zeros(shown.shape[:2], dtype=torch.int64)
+        residual, iterations = shown.new_zeros(shown.shape[:2]), shown.new_zeros(shown.shape[:2], dtype=torch.int64)
         nearest = mean
         if len(outside):
             each = [_SeenPosterior(self, found, row, shown[row]) for row in outside.tolist()]
@@ -80,9 +81,10 @@ class SeenPriors:
             changes = [one.change(lift, mean[one.row]) for one, lift in zip(each, lifts, strict=True)]
             moved = feasible_at_zero(mean[outside] + torch.stack(changes), mean[outside])
             nearest = mean.index_copy(0, outside, moved)
-            multipliers[outside], iterations[outside] = lifts.detach(), used.view(-1, 3)
-        residual = self._residual(nearest.detach(), mean.detach(), multipliers)
-        warn_of("lobes", residual)
+            with torch.no_grad():
+                residual[outside] = self._residual(moved, mean[outside], lifts)
+            iterations[outside] = used.view(-1, 3)
+            warn_of("lobes", residual)
         return Constrained(nearest, residual, iterations)
 
     def _residual(self, weights: Tensor, mean: Tensor, multipliers: Tensor) -> Tensor:
