@@ -14,6 +14,7 @@ from failures import assert_fit_fails, fails
 from torchbrdf.brdf.merl import FILE_BYTES, GRID
 from torchbrdf.cli import main, parser
 from torchbrdf.commands._reconstruction import fit, summary, weights_record
+from torchbrdf.estimation.lobe_bounds import LobeBounds
 from torchbrdf.photograph.observation import Observation
 
 SIZE = 16
@@ -129,6 +130,7 @@ def test_the_options_of_the_estimator(photo):
         assert parser().parse_args([*required, "--penalty", text]).penalty == value
     options = parser().parse_args([*required, "--constraint", "energy", "--robust"])
     assert (options.constraint, options.robust) == ("energy", True)
+    assert parser().parse_args([*required, "--constraint", "none"]).constraint == "none"
 
 
 @pytest.mark.filterwarnings("ignore:.*material class:UserWarning")
@@ -150,6 +152,14 @@ def test_the_estimator_gets_the_options(tiny_library):
     paper = fit(observation, probe, tiny_library, "paper", view, basis)
     assert summary(paper).startswith(f"class {int(paper.result.class_index)} of {n} (")
     assert sorted(weights_record(paper)["class_probabilities"]) == [0.0] * (n - 1) + [1.0]
+    assert weights_record(paper)["constraint"] is None
+
+    free = fit(observation, probe, tiny_library, "auto", view, basis, "none")
+    assert weights_record(free)["constraint"] is None
+    bounds = LobeBounds.of(tiny_library).rows
+    shown = bounds @ free.result.weights.double()
+    assert float(shown.min()) < 0
+    assert float((bounds @ plain.result.weights.double()).min()) > 0.05 * float(shown.min())
 
     robust = fit(observation, probe, tiny_library, "auto", view, basis, robust=True)
     assert float((robust.result.image - basis.image("gold-0.3")).norm()) < float(
