@@ -37,7 +37,8 @@ def paragraph(topic: Topic) -> str:
     advice = ADVICE[topic]
     parts = (*([NOTE] if topic in HARMLESS else []), advice.meaning, advice.remedy)
     words = (fill(text, WIDTH, break_on_hyphens=False, break_long_words=False) for text in parts)
-    return "\n\n".join([f"## {advice.title}", *words, f"More: [{advice.heading}]({advice.page})."])
+    more = f"More: [{advice.heading}]({advice.page}). In Python its `topic` is `{topic}`."
+    return "\n\n".join([f"## {advice.title}", *words, more])
 
 
 def page() -> str:

@@ -74,3 +74,9 @@ def test_the_page_of_the_command_line_tells_of_every_command_and_common_field():
     page = (ROOT / "docs" / "command_line.md").read_text()
     names = [*commands_of_torchbrdf(), *Findings("fit").document(0)]
     assert [name for name in names if f"\n| `{name}` | " not in page] == []
+
+
+def test_formulas_have_what_their_translation_to_mathml_understands():
+    """It takes the next two characters of a fraction without braces for its numerator, and drops bars."""
+    odd = re.compile(r"\\t?frac(?!\{)[^$]*|\\bar\b[^$]*")
+    assert [f"{page.relative_to(ROOT)}: {part}" for page in PAGES for part in odd.findall(page.read_text())] == []
