@@ -71,7 +71,8 @@ class Constrained:
 
     weights     (*batch, 3, c)  float64, with gradients to the mean and the precision
     optimality  (*batch, 3)     residual without unit, see `quadratic_programs.kkt_residual`; for "energy" at least
-                                the largest -(B w) / (B |w|) of any cell
+                                the largest -(B w) / (B |w|) of any cell; in the posterior's own metric the one that
+                                `posterior_projection` says
     iterations  (*batch, 3)     int64: linear solves of the active set method; 0 where the mean was feasible
     """
 

@@ -263,7 +263,7 @@ class BRDFEstimator(SharedBuffers):
         weights, class_weights = found.mean_and_first(k)
         optimality = weights.new_zeros(len(weights), 3)
         if self.constraint is not None and len(weights):
-            closest = self._within(found, weights)
+            closest = self._within(self.constraint, found, weights)
             weights, optimality = closest.weights, closest.optimality
         fitted = (bank if whole else self.bank).space.render(weights, y.dtype)
         residual = y - fitted if whole else (y - fitted)[..., used]
@@ -279,17 +279,16 @@ class BRDFEstimator(SharedBuffers):
             evidence=found.detach(),
         )
 
-    def _within(self, found: Explanation, mean: Tensor) -> Constrained:
+    def _within(self, constraint: Constraint, found: Explanation, mean: Tensor) -> Constrained:
         """The constrained weights nearest to the mean.
 
         In a metric of the averaged prior; of highlights photographs tell too little for less than the posterior itself.
         """
-        assert self.constraint is not None
         if isinstance(self._bounds, LobeBounds):
             bounds, bank = self._bounds, found.bank
             seen = self._seen_priors.get_or_make([bank.vectors], lambda: SeenPriors.of(bank, bounds))
             return seen.project(found, mean)
-        return constrain(mean, found.precision(found.shares), self.constraint, self._bounds)
+        return constrain(mean, found.precision(found.shares), constraint, self._bounds)
 
     @lasting
     def _bank_of(self, used: Tensor) -> PriorBank:
