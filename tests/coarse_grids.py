@@ -4,7 +4,7 @@ from torchbrdf.transport.harmonic.light import TurningLight
 
 HALF_GRID = {
     "torchbrdf.transport.harmonic.grid._ROWS": (128, 96, 64, 64),
-    "torchbrdf.transport.harmonic._kernels._AZIMUTHS": (32, 48, 64, 96),
+    "torchbrdf.transport.harmonic._integrals._AZIMUTHS": (32, 48, 64, 96),
     "torchbrdf.brdf.norms._SAMPLES": 1 << 16,
     "torchbrdf.transport.harmonic.basis.TurningLight": lambda probe, _: TurningLight(probe, 360),
 }
@@ -12,7 +12,7 @@ HALF_GRID = {
 
 QUARTER_GRID = HALF_GRID | {
     "torchbrdf.transport.harmonic.grid._ROWS": (64, 48, 32, 32),
-    "torchbrdf.transport.harmonic._kernels._AZIMUTHS": (16, 24, 32, 48),
+    "torchbrdf.transport.harmonic._integrals._AZIMUTHS": (16, 24, 32, 48),
 }
 """Good enough to find a rotation to a tenth of a degree; perspective takes long to compute on a finer grid."""
 
@@ -20,7 +20,7 @@ COARSE = {
     "torchbrdf.brdf.library.MIN_MATERIALS": 1,
     "torchbrdf.transport.harmonic.grid._ROWS": (16, 12, 8, 8),
     "torchbrdf.transport.harmonic.grid.RINGS_PER_GROUP": 8,
-    "torchbrdf.transport.harmonic._kernels._AZIMUTHS": (8, 8, 8, 8),
+    "torchbrdf.transport.harmonic._integrals._AZIMUTHS": (8, 8, 8, 8),
     "torchbrdf.brdf.norms._SAMPLES": 1 << 12,
 }
 """Good for nothing but to see what is computed, and when."""

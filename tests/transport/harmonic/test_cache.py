@@ -173,7 +173,7 @@ torch.save(render_basis(library, probe, SphereView(12)).packed, sys.argv[1])
         self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         transport_of(library)
-        monkeypatch.setattr("torchbrdf.transport.harmonic._kernels.TOLERANCE", 0.1)
+        monkeypatch.setattr("torchbrdf.transport.harmonic._compression.TOLERANCE", 0.1)
         assert not is_precomputed(library)
 
     def test_tables_in_memory_leave_no_file(self, tiny_tables: dict, built: list) -> None:

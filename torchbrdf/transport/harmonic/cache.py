@@ -23,13 +23,8 @@ from torchbrdf.brdf import MaterialLibrary, Part, StoredColumns, column_norms, c
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.progress import announce, progress_bar
-from torchbrdf.transport.harmonic._kernels import (
-    Band,
-    Kernels,
-    compute_group,
-    kernel_settings,
-    perspective_settings,
-)
+from torchbrdf.transport.harmonic._compression import compute_group, kernel_settings, perspective_settings
+from torchbrdf.transport.harmonic._kernels import Band, Kernels
 from torchbrdf.transport.harmonic._pages import mapped_values
 from torchbrdf.transport.harmonic.grid import settings, zones
 from torchbrdf.transport.harmonic.transport import HarmonicTransport
@@ -165,13 +160,13 @@ def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, pro
     stored = replace(stored, columns=stored.columns.cpu())
     groups: list[Kernels] = []
     orders = (1, 2) if perspective else (0,)
-    everything = [(order, zone, rings) for order in orders for zone in zones() for rings in zone.groups]
+    everything = [(zone, rings) for zone in zones() for rings in zone.groups]
     norms = column_norms(stored)
-    for i, key in enumerate(progress_bar(everything, desc=_called(perspective), shown=progress)):
+    for i, (zone, rings) in enumerate(progress_bar(everything, desc=_called(perspective), shown=progress)):
         part = None if parts is None else parts / f"{i}.safetensors"
         known = None if part is None else _read(part)
         if known is None:
-            known = (compute_group(stored, *key, norms, len(zones())),)
+            known = compute_group(stored, orders, zone, rings, norms, len(zones()))
             if part is not None:
                 _write(part, known)
         groups.extend(known)

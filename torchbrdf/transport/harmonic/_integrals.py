@@ -1,0 +1,191 @@
+"""Integrals of the kernels of a group of rings: their Fourier series in delta, for splines over gamma and beta.
+
+Half vectors are sampled: places in theta_h follow the cells of MERL's grid, so lobes as sharp as a table can hold are
+integrated, not sampled. (Averages over texels of the light, by contrast, miss most of a mirror's lobe.)
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import pi
+
+import torch
+from torch import Tensor
+from torch.nn.functional import embedding_bag
+
+from torchbrdf.brdf import StoredColumns
+from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors
+from torchbrdf.transport.harmonic._waves import PLACES, waves
+from torchbrdf.transport.harmonic.grid import Zone, tilt_of
+from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
+
+_TERMS = ({0.0: 1.0}, {0.0: -1.0, 1.0: 1.0}, {0.0: -0.5, 0.5: 1.0, 1.0: -0.5})
+"""Factors by shares of `tilt_of`: kernels without tilt, and the differences that interpolate to others.
+
+With a share t of the tilt the kernels are those of order 0, t times those of 1, and 4 t (1 - t) times those of 2.
+"""
+
+_AZIMUTHS = (64, 96, 128, 192)
+"""Half vectors on a half circle about the normal, by zone."""
+
+_ROWS_AT_ONCE = 1 << 11
+_BLOCK = 1 << 23
+"""Floats of spread samples held at once."""
+
+
+@dataclass(frozen=True)
+class Mixtures:
+    """Mixtures of a library's columns (n, r + s) float64: r for the kernels' even part, then s for the odd one."""
+
+    loadings: Tensor
+    r: int
+
+    @property
+    def sign(self) -> Tensor:
+        """(r + s,): how the cell of the mirrored direction counts."""
+        return torch.ones(self.loadings.shape[1]).index_fill_(0, torch.arange(self.r, self.loadings.shape[1]), -1.0)
+
+    def parts(self, values: Tensor, dim: int) -> tuple[Tensor, Tensor]:
+        """The r and the s along a dimension of r + s."""
+        even, odd = values.split([self.r, values.shape[dim] - self.r], dim)
+        return even, odd
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells (N,) that Q places across the rings meet, and which of them, (2, Q, S) for every tilt.
+
+    2 for the direction and the mirrored one
+    """
+
+    places: Tensor
+    cells: Tensor
+    met: list[Tensor]
+
+
+class GroupIntegrals:
+    """Of the columns of a library, for some rings of a zone.
+
+    orders     0 without tilt, 1 and 2 for what perspective adds
+    to_rings   (G, Q): what turns values at Q places across the rings into moments with the rings' splines
+    first_row  splines over elevation first_row, ..., first_row + n_rows - 1 that meet a half vector
+    line       nodes over delta for each of them
+    """
+
+    def __init__(self, stored: StoredColumns, orders: Sequence[int], zone: Zone, rings: range) -> None:
+        """Half vectors at all places."""
+        self.stored, self.zone = stored, zone
+        gamma, to_rings = zone.ring_quadrature
+        to_rings = to_rings[rings.start : rings.stop]
+        used = to_rings.amax(0) > 0
+        self.to_rings, gamma = to_rings[:, used].float(), gamma[used]
+        shares = sorted({share for order in orders for share in _TERMS[order]})
+        self.factors = torch.tensor([[_TERMS[order].get(share, 0.0) for share in shares] for order in orders])
+        tilt, azimuths = tilt_of(gamma), _AZIMUTHS[zone.index]
+        self.samples = [half_vectors(zone, gamma, share * tilt, azimuths) for share in shares]
+        firsts = [zone.elevation_splines(samples.beta)[0] for samples in self.samples]
+        self.first_row = min(int(first.min()) for first in firsts)
+        self.n_rows = max(int(first.max()) for first in firsts) + SUPPORT - self.first_row
+        self.per_delta = PLACES * zone.rows / (2 * pi)
+        self.line = max(int((samples.delta.max() * self.per_delta).floor()) for samples in self.samples) + SUPPORT
+
+    @property
+    def n_places(self) -> int:
+        """Across the rings."""
+        return self.to_rings.shape[1]
+
+    def cells(self, places: Tensor) -> Cells:
+        """Those that some places (Q,) meet."""
+        met = [samples.cells[:, places] for samples in self.samples]
+        cells, index = torch.unique(torch.cat([some.ravel() for some in met]), return_inverse=True)
+        parts = index.split([some.numel() for some in met])
+        return Cells(places, cells, [part.view_as(some) for part, some in zip(parts, met, strict=True)])
+
+    def power(self, seen: Cells) -> Tensor:
+        """(N,) float64: integrals of the squared kernel that is 1 in one cell, summed over places and tilts."""
+        found = torch.zeros(len(seen.cells), dtype=torch.float64)
+        for samples, met in zip(self.samples, seen.met, strict=True):
+            share = (samples.weights * samples.kernel)[seen.places]
+            for side in met:
+                found.index_add_(0, side.ravel(), share.ravel())
+        return found
+
+    def gram(self, cells: Tensor, power: Tensor) -> Tensor:
+        """(n, n) float64: inner products of the columns in cells (N,) that count by a power (N,)."""
+        n = self.stored.columns.shape[1]
+        found = torch.zeros(n, n, dtype=torch.float64)
+        for some, share in zip(cells.split(_ROWS_AT_ONCE), power.split(_ROWS_AT_ONCE), strict=True):
+            rows = self.stored.columns[some].double() * share.sqrt()[:, None]
+            found += rows.T @ rows
+        return self.stored.scale[:, None] * found * self.stored.scale
+
+    def spread(self, seen: Cells, mixtures: Mixtures) -> Iterator[Tensor]:
+        """(orders, E line, r + s): at one place after the other, mixtures spread on nodes by the splines."""
+        values, sign = self._values(seen.cells, mixtures), mixtures.sign
+        for i, place in enumerate(seen.places.tolist()):
+            by_tilt = [
+                self._spread(samples, place, values, met[:, i], sign)
+                for samples, met in zip(self.samples, seen.met, strict=True)
+            ]
+            if len(by_tilt) == 1:
+                yield by_tilt[0][None]
+            else:
+                yield torch.einsum("ot,tnk->onk", self.factors, torch.stack(by_tilt))
+
+    def spectra(self, mixtures: Mixtures) -> list[Tensor]:
+        """conj(kappa) (G, E, r + s, M) of every order: real parts of r mixtures, imaginary ones of s."""
+        places = torch.arange(self.n_places)
+        n_orders, size = len(self.factors), self.n_rows * self.line * mixtures.loadings.shape[1]
+        moments = torch.zeros(n_orders, len(self.to_rings), size)
+        spread = self.spread(self.cells(places), mixtures)
+        for some in places.split(max(1, _BLOCK // (size * n_orders))):
+            there = torch.cat([next(spread) for _ in some]).view(-1, n_orders, size)
+            near = torch.nonzero(self.to_rings[:, some].amax(1) > 0).ravel()
+            rings = slice(int(near[0]), int(near[-1]) + 1)
+            for order, sums in enumerate(moments):
+                sums[rings].addmm_(self.to_rings[rings, some], there[:, order])
+        both = waves(self.zone, self.line)
+        found = []
+        for sums in moments.view(n_orders, len(self.to_rings), self.n_rows, self.line, -1).transpose(3, 4):
+            parts = mixtures.parts(sums, 2)
+            found.append(torch.cat([part @ wave.T for part, wave in zip(parts, both, strict=True)], 2))
+        return found
+
+    def _values(self, cells: Tensor, mixtures: Mixtures) -> Tensor:
+        """(N, r + s)."""
+        loadings = (self.stored.scale[:, None] * mixtures.loadings).float()
+        values = torch.empty(len(cells), loadings.shape[1])
+        for some, found in zip(cells.split(_ROWS_AT_ONCE), values.split(_ROWS_AT_ONCE), strict=True):
+            torch.mm(self.stored.columns[some].float(), loadings, out=found)
+        return values
+
+    def _spread(self, samples: HalfVectors, place: int, values: Tensor, met: Tensor, sign: Tensor) -> Tensor:
+        """(E line, r + s): of one tilt, from cells met (2, S)."""
+        from scipy.sparse import csc_matrix
+
+        lit = samples.weights[place] != 0
+        first, by_row = self.zone.elevation_splines(samples.beta[place, lit])
+        position = samples.delta[place, lit] * self.per_delta
+        by_delta, node = spline_weights(position), position.floor().long()
+        row = (first - self.first_row)[:, None] + torch.arange(SUPPORT)
+        nodes = row[..., None] * self.line + (node[:, None] + torch.arange(SUPPORT))[:, None]
+        weights = samples.weights[place, lit, None, None] * by_row[..., None] * by_delta[:, None]
+        ends = torch.arange(0, nodes.numel() + 1, SUPPORT**2)
+        by_sample = csc_matrix(
+            (weights.float().ravel().numpy(), nodes.ravel().int().numpy(), ends.int().numpy()),
+            shape=(self.n_rows * self.line, len(nodes)),
+        )
+        by_node = by_sample.tocsr()  # a bag of samples for each node takes a third of the time of scipy's product
+        index, ends, share = map(torch.from_numpy, (by_node.indices, by_node.indptr, by_node.data))
+        one, mirrored = (values[side[lit]] for side in met)
+        pair = one.addcmul_(mirrored, sign)
+        return embedding_bag(index, pair, ends, mode="sum", per_sample_weights=share, include_last_offset=True)
+
+
+def perspective_terms() -> list[object]:
+    """What integrals of perspective depend on beside those of no tilt."""
+    return [list(term.items()) for term in _TERMS]
+
+
+def integral_settings() -> list[object]:
+    """What integrals depend on beside the library, the zone and the rings."""
+    return [_AZIMUTHS]
