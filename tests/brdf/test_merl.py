@@ -11,8 +11,9 @@ from torch import Tensor
 
 from torchbrdf.analytic import model_of
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
+from torchbrdf.brdf import merl
 from torchbrdf.brdf.directions import from_half_difference
-from torchbrdf.brdf.merl import LARGEST, MerlTable, above_horizon, cell_centres, cell_index
+from torchbrdf.brdf.merl import LARGEST, MerlTable, above_horizon, cell_centres, cell_index, nearest_measured
 
 SHAPE = (90, 90, 180)
 CELLS = 90 * 90 * 180
@@ -294,6 +295,34 @@ def test_what_was_not_measured_may_hold_anything(stored: np.ndarray, tmp_path: P
 def test_constructor_refuses_a_table_without_measured_cells():
     with pytest.raises(ValueError, match="blank: the table has no measured cell"):
         MerlTable(torch.zeros(*SHAPE, 3), torch.zeros(SHAPE, dtype=torch.bool), "blank")
+
+
+class TestNearestMeasured:
+    def test_no_measured_cell_is_nearer(self):
+        """By all distances, in cells, phi_d periodic."""
+        valid = above_horizon()
+        found = nearest_measured(valid)
+        measured = torch.nonzero(valid)
+        assert valid.ravel()[found].all()
+        assert torch.equal(found[valid.ravel()], torch.nonzero(valid.ravel()).ravel())
+        for cell in torch.nonzero(~valid.ravel()).ravel()[::9973].tolist():
+            h, d, p = cell // (90 * 180), cell // 180 % 90, cell % 180
+            around = (measured[:, 2] - p).abs()
+            apart = (measured[:, 0] - h) ** 2 + (measured[:, 1] - d) ** 2 + torch.minimum(around, 180 - around) ** 2
+            i, j, k = found[cell] // (90 * 180), found[cell] // 180 % 90, found[cell] % 180
+            beside = min(abs(int(k) - p), 180 - abs(int(k) - p))
+            assert (int(i) - h) ** 2 + (int(j) - d) ** 2 + beside**2 == int(apart.min())
+
+    def test_of_whole_tables_is_read_from_the_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path))
+        monkeypatch.setattr(merl, "_nearest_above_horizon", merl._nearest_above_horizon.__wrapped__)
+        made = nearest_measured(above_horizon())
+        (kept,) = (tmp_path / "grids").iterdir()
+        monkeypatch.setattr(merl, "_nearest_measured", None)  # made once
+        assert torch.equal(nearest_measured(above_horizon()), made)
+        monkeypatch.undo()
+        assert torch.equal(merl._nearest_measured(above_horizon()), made)
+        assert kept.stat().st_size < 6e6
 
 
 class TestLookup:

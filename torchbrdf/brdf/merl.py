@@ -28,6 +28,7 @@ from torchbrdf.brdf.merl_grid import (
 )
 from torchbrdf.brdf.settings import AGAIN, RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
+from torchbrdf.lasting import on_disk
 
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
 """A MERL file stores f_r / CHANNEL_SCALE for R, G and B."""
@@ -45,12 +46,23 @@ _FULL_GRID = (*GRID[:2], 2 * GRID[2])
 Interpolation = Literal["nearest", "linear"]
 
 
+@lru_cache(maxsize=1)
+def _nearest_above_horizon() -> Tensor:
+    """For whole tables: most are, so it is kept on disk."""
+    made = on_disk("grids", [GRID], lambda: {"cells": _nearest_measured(above_horizon()).int()})
+    return made["cells"].long()
+
+
 @lru_cache(maxsize=4)
-def _nearest_measured(valid: bytes) -> Tensor:
+def _nearest_measured_of(valid: bytes) -> Tensor:
+    return _nearest_measured(torch.frombuffer(bytearray(valid), dtype=torch.bool).view(GRID))
+
+
+def _nearest_measured(valid: Tensor) -> Tensor:
     """For every cell the flat index of the nearest measured one, in units of cells, phi_d periodic."""
     from scipy.ndimage import distance_transform_edt
 
-    mask = np.frombuffer(valid, dtype=bool).reshape(GRID)
+    mask = valid.numpy()
     half = GRID[2] // 2
     wrapped = np.concatenate([mask[..., -half:], mask, mask[..., :half]], axis=-1)
     h, d, p = distance_transform_edt(~wrapped, return_distances=False, return_indices=True)[..., half:-half]
@@ -59,7 +71,10 @@ def _nearest_measured(valid: bytes) -> Tensor:
 
 def nearest_measured(valid: Tensor) -> Tensor:
     """(N_CELLS,) int64: what to read in place of each cell so that unmeasured ones take their nearest neighbour."""
-    return _nearest_measured(valid.cpu().contiguous().numpy().tobytes())
+    valid = valid.cpu().contiguous()
+    if torch.equal(valid, above_horizon()):
+        return _nearest_above_horizon()
+    return _nearest_measured_of(valid.numpy().tobytes())
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,7 +129,7 @@ class GroupIntegrals:
             if len(by_tilt) == 1:
                 yield by_tilt[0][None]
             else:
-                yield torch.einsum("ot,tnk->onk", self.factors, torch.stack(by_tilt))
+                yield torch.einsum("pt,tnk->pnk", self.factors, torch.stack(by_tilt))
 
     def spectra(self, mixtures: Mixtures) -> list[Tensor]:
         """conj(kappa) (G, E, r + s, M) of every order: real parts of r mixtures, imaginary ones of s."""

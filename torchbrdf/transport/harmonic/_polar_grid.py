@@ -125,7 +125,8 @@ def _values_to_rows(finest: Zone, zone: Zone) -> Tensor:
 def _points_of(view: View, pixels: Tensor) -> Tensor:
     """(P,) int64: how many points along a side of each pixel."""
     normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float32))[0]
-    reach = 2 * (normals - normals[..., 4:5])[:2].norm(dim=0).amax(1)
+    x, y = (normals - normals[..., 4:5])[:2]
+    reach = 2 * torch.hypot(x, y).amax(1)
     counts = torch.tensor(_POINTS)
     return counts[torch.bucketize(reach / _SPACING, counts).clamp_max(len(counts) - 1)]
 

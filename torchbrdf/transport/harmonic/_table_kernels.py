@@ -1,6 +1,6 @@
 """The light-independent side of the harmonic transport of a single table: finer than a library's, not compressed.
 
-As in `_kernels`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated.
+As in `_integrals`, half vectors follow the rows of MERL's grid, so lobes as sharp as a table can hold are integrated.
 They are as many as the knots of the light can tell apart, and end where the light meets the horizon: what they are, and
 where their light falls, is the same for all tables and remembered. Errors: docs/transport.md.
 """

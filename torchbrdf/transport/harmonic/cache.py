@@ -47,9 +47,9 @@ _in_memory: LastFew[str, HarmonicTransport] = LastFew(4)
 
 @lasting
 def transport_of(library: MaterialLibrary, progress: bool = False, perspective: bool = False) -> HarmonicTransport:
-    """The harmonic transport of all stored columns of a library, computed on first use: under a minute for 300.
+    """The harmonic transport of all stored columns of a library, computed on first use: half a minute for 300.
 
-    perspective  with what it adds to the views of balls, which takes twice as long
+    perspective  with what it adds to the views of balls, which takes another
     Libraries that live in the cache keep theirs beside it; those of tables in memory only as long as the process.
     Raises OSError where the disk has no room for it.
     """
@@ -139,7 +139,7 @@ def _from_disk(stored: StoredColumns, perspective: bool, progress: bool) -> tupl
             parts.mkdir(exist_ok=True)
             announce(
                 f"{_called(perspective)} of {len(stored.names)} materials: computed once for this library, which takes "
-                f"some minutes where there are a hundred, and kept in {path.parent}",
+                f"half a minute or so where there are a hundred, and kept in {path.parent}",
                 shown=progress,
             )
             try:

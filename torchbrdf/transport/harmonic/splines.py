@@ -60,13 +60,12 @@ def banded_dual(products: Tensor, reach: int) -> Tensor:
     cubics = torch.linalg.qr(torch.stack([x**k for k in range(4)], 1))[0]  # the coefficients of a cubic are one, too
     scale = products.diagonal().rsqrt()
     scaled = products * scale[:, None] * scale
-    dual = torch.zeros_like(products)
-    for i in range(n):
-        first = max(0, min(i - reach, n - 2 * reach - 1))
-        near = slice(first, first + 2 * reach + 1)
-        terms = scaled[near]
-        exact = products[near] @ cubics * scale[near, None]
-        system = torch.cat([torch.cat([terms @ terms.T, exact], 1), torch.cat([exact.T, exact.new_zeros(4, 4)], 1)])
-        goal = torch.cat([terms[:, i], cubics[i] / scale[i]])
-        dual[i, near] = torch.linalg.solve(system, goal)[: len(terms)]
+    first = (torch.arange(n) - reach).clamp_max(n - 2 * reach - 1).clamp_min(0)
+    near = first[:, None] + torch.arange(min(2 * reach + 1, n))
+    normal = (scaled @ scaled.T)[near[:, :, None], near[:, None]]
+    exact = (products @ cubics * scale[:, None])[near]
+    system = torch.cat([torch.cat([normal, exact], 2), torch.cat([exact.mT, exact.new_zeros(n, 4, 4)], 2)], 1)
+    goal = torch.cat([scaled.gather(1, near), cubics / scale[:, None]], 1)
+    row = torch.linalg.solve(system, goal)[:, : near.shape[1]]
+    dual = torch.zeros_like(products).scatter_(1, near, row)
     return dual * scale[:, None] * scale

@@ -13,7 +13,7 @@ from torchbrdf.transport.harmonic._polar_grid import PolarGrid
 from torchbrdf.transport.harmonic._seen_tables import SeenTable
 from torchbrdf.transport.harmonic._table_kernels import EXACT, Detail, reflections
 from torchbrdf.transport.harmonic.light import TurningLight
-from torchbrdf.transport.harmonic.transport import frequencies_of
+from torchbrdf.transport.harmonic.transport import frequencies_holding, frequencies_of, power_of
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
@@ -47,12 +47,16 @@ def table_pictures(
     for zone, parts in zip(detail.zones, zip(*coefficients, strict=True), strict=True):
         light = torch.stack(parts).unflatten(2, (2, 3))
         contained = frequencies_of(light.transpose(0, 1).flatten(1, -2))
+        power = None if light.requires_grad else power_of(light).sum((0, 2, 3))
         series = light.new_zeros(len(zone.ring_quadrature[0]), 3 * len(lights), contained, 2)
         for some in reflections(detail, zone, distance):
-            rows = light[..., some.first_row : some.first_row + some.n_rows]
-            needed = min(frequencies_of(rows.transpose(0, 1).flatten(1, -2), _LOST), some.turning)
+            rows = slice(some.first_row, some.first_row + some.n_rows)
+            needed = min(contained, some.turning)
+            if power is not None:
+                needed = min(needed, frequencies_holding(power[:, rows].sum(1), _LOST))
             kernels = seen.kernels(zone, some, needed)
-            series[some.first : some.first + some.count, :, :needed] = _series(kernels, rows[:, :needed])
+            seen_light = light[:, :needed, ..., rows]
+            series[some.first : some.first + some.count, :, :needed] = _series(kernels, seen_light)
         grid.add_values(zone, series)
     return view.unpack(grid.seen_by(faced).unflatten(0, (-1, 3)))
 

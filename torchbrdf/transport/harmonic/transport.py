@@ -168,7 +168,16 @@ def frequencies_of(light: Tensor, lost: float = _UNSEEN) -> int:
     """
     if light.requires_grad:
         return len(light)
-    energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((1, 2))
+    return frequencies_holding(power_of(light).sum((1, 2)), lost)
+
+
+def power_of(light: Tensor) -> Tensor:
+    """Squares of values, relative to the largest: none overflows."""
+    return (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square()
+
+
+def frequencies_holding(energy: Tensor, lost: float) -> int:
+    """How many of the first (M,) hold all but a share of an energy."""
     above = energy.flip(0).cumsum(0).flip(0) > lost * energy.sum()
     return max(1, int(above.sum()))
 
@@ -177,7 +186,7 @@ def elevations_of(light: Tensor) -> range:
     """The elevations of a light (M, 6, elevations) with all of it but as little as `frequencies_of` leaves out."""
     if light.requires_grad:
         return range(light.shape[2])
-    energy = (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square().sum((0, 1))
+    energy = power_of(light).sum((0, 1))
     least = _UNSEEN * energy.sum()
     below, above = (int((side.cumsum(0) <= least).sum()) for side in (energy, energy.flip(0)))
     return range(below, len(energy) - above)
