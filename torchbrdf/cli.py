@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        options = parser().parse_args(words)
+        options = parser(*words[:1]).parse_args(words)
     except BadUsageError as error:
         _finish_without_options(words, error)
         raise
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _finish_without_options(words: Sequence[str], error: BadUsageError) -> None:
     """Print the document of a command whose options are wrong, where one of them asks for it."""
     asked = any(len(word) > 2 and "--json".startswith(word) for word in words)
-    findings = commands.Findings(words[0] if words and words[0] in commands.found() else None, as_json=asked)
+    findings = commands.Findings(words[0] if words and words[0] in commands.names() else None, as_json=asked)
     findings.failed(error.message)
     findings.finish(BAD_INPUT)
 
@@ -95,9 +95,9 @@ def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
                 raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
 
 
-def parser() -> argparse.ArgumentParser:
-    """That of the program."""
-    return commands.parser(torchbrdf.__doc__)
+def parser(wanted: str | None = None) -> argparse.ArgumentParser:
+    """That of the program, with all commands; with one alone where that is wanted."""
+    return commands.parser(torchbrdf.__doc__, wanted)
 
 
 if __name__ == "__main__":

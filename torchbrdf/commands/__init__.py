@@ -34,22 +34,28 @@ _ONLY_FOR_PEOPLE = ("completion", "live")
 """What a script would read of them is no document: a program of the shell, a page in the browser."""
 
 
-def found() -> dict[str, ModuleType]:
-    """Every command by name, in the order of the help."""
-    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
-    names.sort(key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
-    return {name: import_module(f"{__name__}.{name}") for name in names}
+def names() -> list[str]:
+    """Of all commands, in the order of the help."""
+    each = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
+    return sorted(each, key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
 
 
-def parser(about: str | None = None) -> ArgumentParser:
+def found(wanted: str | None = None) -> dict[str, ModuleType]:
+    """Every command by name, in the order of the help; the one that is wanted alone, where it is one."""
+    everything = names()
+    return {name: import_module(f"{__name__}.{name}") for name in ([wanted] if wanted in everything else everything)}
+
+
+def parser(about: str | None = None, wanted: str | None = None) -> ArgumentParser:
     """All commands with their options. Nothing is imported that only running one needs: `--help` answers at once.
 
-    about  the program, in its help
+    about   the program, in its help
+    wanted  see `found`
     """
     whole = Parser(prog=NAME, description=about)
     whole.add_argument("--version", action="version", version=f"{NAME} {__version__}")
     chosen = whole.add_subparsers(required=True, metavar="COMMAND")
-    for name, command in found().items():
+    for name, command in found(wanted).items():
         text = cleandoc(command.run.__doc__ or "")
         examples = "\n".join(f"    {line}" for line in command.EXAMPLES)
         added = chosen.add_parser(name, help=text.splitlines()[0], description=text, epilog=f"for example:\n{examples}")

@@ -1,9 +1,11 @@
 """What a report shows, before it becomes a page: result and candidates, renderings, spreads, and the warnings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import cos, pi, radians, sin
+from typing import ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
@@ -16,9 +18,13 @@ from torchbrdf.rendering import render_directional, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.report.doubts import Doubt, clamped_share, darkest_middle, doubts, margin, oscillation_of, second_best
 from torchbrdf.report.grade import Grade, grade_of
+from torchbrdf.sweep import one_thread
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import SHOWN, HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View
+
+Arguments = ParamSpec("Arguments")
+Made = TypeVar("Made")
 
 DIRECTIONAL_ANGLES = (0.0, 136.0)
 """The two directional lights of [CBP21, fig. 2], in degrees about +Y from the camera."""
@@ -224,14 +230,29 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
     if averaged:
         tables, weights = [*tables, mean], [*weights, result.weights.detach().cpu().double()]
         squared = [*squared, result.error.detach().cpu()]
+    shown = k if averaged else chosen
     fits = basis.render(torch.stack(weights).to(basis.packed)).cpu()
     small = SphereView(min(size, _CANDIDATE_SIZE))
-    final = tables[k if averaged else chosen]
-    under_other, under_turned = table_pictures(final, [(other, None), (probe, turn)], sphere, SHOWN)
-    if is_precomputed(library):
-        novel = HarmonicBasis(library, other, small).images_of(torch.stack(weights)).cpu()
-    else:
-        novel = render_tables(tables, other, small, samples)
+    final = tables[shown]
+    balls = [sphere if table is final else small for table in tables]
+    with one_thread() as threads, ThreadPoolExecutor(threads) as pool:
+
+        def begun(make: Callable[Arguments, Made], *args: Arguments.args, **kwargs: Arguments.kwargs) -> Future[Made]:
+            return pool.submit(torch.no_grad()(make), *args, **kwargs)
+
+        pictures = begun(table_pictures, final, [(other, None), (probe, turn)], sphere, SHOWN)
+        if is_precomputed(library):
+            novel = begun(HarmonicBasis(library, other, small).images_of, torch.stack(weights))
+        else:
+            novel = begun(render_tables, tables, other, small, samples)
+        spread = None
+        if result.posteriors is not None:
+            spread = begun(gather_spread, result, fits[shown], basis, library, other, size)
+        from_camera, behind = (partial(render_directional, angle_deg=a, irradiance=pi) for a in DIRECTIONAL_ANGLES)
+        frontal = [begun(from_camera, table, ball) for table, ball in zip(tables, balls, strict=True)]
+        directional = begun(behind, final, sphere)
+        albedo = begun(directional_albedo, final)
+        under_other, under_turned = pictures.result()
     made = tuple(
         Candidate(
             index=j if j < k else None,
@@ -242,35 +263,29 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
             fitted=fits[j],
             table=table,
             clamped=clamped_share(table),
-            novel=under_other if table is final else novel[j],
-            frontal=render_directional(table, ball, DIRECTIONAL_ANGLES[0], irradiance=pi),
+            novel=under_other if table is final else novel.result()[j].cpu(),
+            frontal=frontal[j].result(),
         )
         for j, table in enumerate(tables)
-        for ball in (sphere if table is final else small,)
     )
-    found = made[k if averaged else chosen]
+    found = made[shown]
     return Evidence(
         photograph=y,
         used=used,
         found=found,
         candidates=made[:k],
         chosen=chosen,
-        weights=weights[k if averaged else chosen],
+        weights=weights[shown],
         names=result.names,
         channel_errors=tuple(
             relative_rms(found.fitted[c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
         ),
         turned=under_turned,
-        directional={
-            angle: found.frontal
-            if angle == DIRECTIONAL_ANGLES[0]
-            else render_directional(found.table, sphere, angle, irradiance=pi)
-            for angle in DIRECTIONAL_ANGLES
-        },
+        directional=dict(zip(DIRECTIONAL_ANGLES, (found.frontal, directional.result()), strict=True)),
         probes=(probe, other, turned),
-        albedo=directional_albedo(found.table),
+        albedo=albedo.result(),
         distrust=basis.distrust,
-        spread=None if result.posteriors is None else gather_spread(result, found.fitted, basis, library, other, size),
+        spread=None if spread is None else spread.result(),
         known=tuple(known),
         middle=darkest_middle(found.table),
     )
