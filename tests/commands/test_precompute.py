@@ -47,6 +47,6 @@ def test_what_has_to_be_made(precompute, precomputed_library: MaterialLibrary):
         kept.rename(file)
     assert re.search(r": \d+ MB in .*, made in \d+ s\n$", out)
     assert err == (
-        "harmonic transport of 8 materials: computed once for this library, which takes half a minute or so where there "
-        f"are a hundred, and kept in {file.parent}\n"
+        "harmonic transport of 8 materials: computed once for this library, which takes half a minute or so where "
+        f"there are a hundred, and kept in {file.parent}\n"
     )
