@@ -52,15 +52,19 @@ class TurningLight:
 
         A turn about the view axis +Z is a phase. Gradients flow to the radiance and to the rotation.
         """
+        return [_with_multiple(spectrum) for spectrum in self.spectra(rotation)]
+
+    def spectra(self, rotation: Tensor | None = None) -> list[Tensor]:
+        """The same as (3, elevations, M) complex64 for every zone."""
         if rotation is None:
-            return [_with_multiple(spectrum) for spectrum in self._upright.spectra]
+            return self._upright.spectra
         angle = None if rotation.requires_grad else _turn_about_view(rotation)
         if angle is None:
-            return [_with_multiple(spectrum) for spectrum in self._turned(rotation).spectra]
+            return self._turned(rotation).spectra
         found = []
         for spectrum in self._upright.spectra:
             phase = -angle * torch.arange(spectrum.shape[2], device=spectrum.device, dtype=torch.float32)
-            found.append(_with_multiple(spectrum * torch.polar(torch.ones_like(phase), phase)))
+            found.append(spectrum * torch.polar(torch.ones_like(phase), phase))
         return found
 
     def changes(self, rotation: Tensor) -> LightHarmonics:

@@ -13,7 +13,7 @@ from torchbrdf.transport.harmonic._polar_grid import PolarGrid
 from torchbrdf.transport.harmonic._seen_tables import SeenTable
 from torchbrdf.transport.harmonic._table_kernels import EXACT, Detail, reflections
 from torchbrdf.transport.harmonic.light import TurningLight
-from torchbrdf.transport.harmonic.transport import frequencies_holding, frequencies_of, power_of
+from torchbrdf.transport.harmonic.transport import frequencies_holding, power_of
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
@@ -36,18 +36,17 @@ def table_pictures(
     faced, frame = facing(view)
     seen = SeenTable.of(table)
     detail = replace(detail, merged=seen.merged)
-    coefficients = []
+    spectra = []
     for probe, rotation in lights:
         turn = rotation if frame is None else frame.T if rotation is None else frame.T.to(rotation) @ rotation
-        found = TurningLight(probe, detail.lines, detail.blur, detail.zones).harmonics(turn)
-        coefficients.append([part for part, _ in found])
+        spectra.append(TurningLight(probe, detail.lines, detail.blur, detail.zones).spectra(turn))
     distance = faced.framing.distance if in_perspective(view) and faced.framing is not None else None
     seen.show(detail, distance)
     grid = PolarGrid(detail.zones, 3 * len(lights), lights[0][0].device)
-    for zone, parts in zip(detail.zones, zip(*coefficients, strict=True), strict=True):
-        light = torch.stack(parts).unflatten(2, (2, 3))
-        contained = frequencies_of(light.transpose(0, 1).flatten(1, -2))
+    for zone, lit in zip(detail.zones, zip(*spectra, strict=True), strict=True):
+        light = torch.stack([torch.view_as_real(each).permute(2, 3, 0, 1) for each in lit])  # (L, M, 2, 3, E)
         power = None if light.requires_grad else power_of(light).sum((0, 2, 3))
+        contained = light.shape[1] if power is None else frequencies_holding(power.sum(1))
         series = light.new_zeros(len(zone.ring_quadrature[0]), 3 * len(lights), contained, 2)
         for some in reflections(detail, zone, distance):
             rows = slice(some.first_row, some.first_row + some.n_rows)

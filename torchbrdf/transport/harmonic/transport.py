@@ -159,16 +159,12 @@ class HarmonicTransport:
         return HarmonicTransport(groups, added)
 
 
-def frequencies_of(light: Tensor, lost: float = _UNSEEN) -> int:
+def frequencies_of(light: Tensor) -> int:
     """How many azimuth frequencies (M, 6, elevations) hold all of the light but 1 / 30,000 of its amplitude.
-
-    lost  of its energy
 
     All of them where gradients are wanted: they tell what the others would change.
     """
-    if light.requires_grad:
-        return len(light)
-    return frequencies_holding(power_of(light).sum((1, 2)), lost)
+    return len(light) if light.requires_grad else frequencies_holding(power_of(light).sum((1, 2)))
 
 
 def power_of(light: Tensor) -> Tensor:
@@ -176,7 +172,7 @@ def power_of(light: Tensor) -> Tensor:
     return (light / light.abs().amax().clamp_min(torch.finfo(light.dtype).tiny)).square()
 
 
-def frequencies_holding(energy: Tensor, lost: float) -> int:
+def frequencies_holding(energy: Tensor, lost: float = _UNSEEN) -> int:
     """How many of the first (M,) hold all but a share of an energy."""
     above = energy.flip(0).cumsum(0).flip(0) > lost * energy.sum()
     return max(1, int(above.sum()))
