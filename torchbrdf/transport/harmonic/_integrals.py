@@ -42,7 +42,8 @@ class Mixtures:
     @property
     def sign(self) -> Tensor:
         """(r + s,): how the cell of the mirrored direction counts."""
-        return torch.ones(self.loadings.shape[1]).index_fill_(0, torch.arange(self.r, self.loadings.shape[1]), -1.0)
+        counts = torch.tensor([self.r, self.loadings.shape[1] - self.r])
+        return torch.tensor([1.0, -1.0], dtype=torch.float32).repeat_interleave(counts)
 
     def parts(self, values: Tensor, dim: int) -> tuple[Tensor, Tensor]:
         """The r and the s along a dimension of r + s."""
@@ -79,7 +80,8 @@ class GroupIntegrals:
         used = to_rings.amax(0) > 0
         self.to_rings, gamma = to_rings[:, used].float(), gamma[used]
         shares = sorted({share for order in orders for share in _TERMS[order]})
-        self.factors = torch.tensor([[_TERMS[order].get(share, 0.0) for share in shares] for order in orders])
+        factors = [[_TERMS[order].get(share, 0.0) for share in shares] for order in orders]
+        self.factors = torch.tensor(factors, dtype=torch.float32)
         tilt, azimuths = tilt_of(gamma), _AZIMUTHS[zone.index]
         self.samples = [half_vectors(zone, gamma, share * tilt, azimuths) for share in shares]
         firsts = [zone.elevation_splines(samples.beta)[0] for samples in self.samples]
@@ -135,7 +137,7 @@ class GroupIntegrals:
         """conj(kappa) (G, E, r + s, M) of every order: real parts of r mixtures, imaginary ones of s."""
         places = torch.arange(self.n_places)
         n_orders, size = len(self.factors), self.n_rows * self.line * mixtures.loadings.shape[1]
-        moments = torch.zeros(n_orders, len(self.to_rings), size)
+        moments = self.to_rings.new_zeros(n_orders, len(self.to_rings), size)
         spread = self.spread(self.cells(places), mixtures)
         for some in places.split(max(1, _BLOCK // (size * n_orders))):
             there = torch.cat([next(spread) for _ in some]).view(-1, n_orders, size)
@@ -153,7 +155,7 @@ class GroupIntegrals:
     def _values(self, cells: Tensor, mixtures: Mixtures) -> Tensor:
         """(N, r + s)."""
         loadings = (self.stored.scale[:, None] * mixtures.loadings).float()
-        values = torch.empty(len(cells), loadings.shape[1])
+        values = loadings.new_empty(len(cells), loadings.shape[1])
         for some, found in zip(cells.split(_ROWS_AT_ONCE), values.split(_ROWS_AT_ONCE), strict=True):
             torch.mm(self.stored.columns[some].float(), loadings, out=found)
         return values
