@@ -320,6 +320,7 @@ class TestNearestMeasured:
         (kept,) = (tmp_path / "grids").iterdir()
         monkeypatch.setattr(merl, "_nearest_measured", None)  # made once
         assert torch.equal(nearest_measured(above_horizon()), made)
+        assert torch.equal(nearest_measured(above_horizon().ravel()), made)
         monkeypatch.undo()
         assert torch.equal(merl._nearest_measured(above_horizon()), made)
         assert kept.stat().st_size < 6e6

@@ -70,8 +70,11 @@ def _nearest_measured(valid: Tensor) -> Tensor:
 
 
 def nearest_measured(valid: Tensor) -> Tensor:
-    """(N_CELLS,) int64: what to read in place of each cell so that unmeasured ones take their nearest neighbour."""
-    valid = valid.cpu().contiguous()
+    """(N_CELLS,) int64: what to read in place of each cell so that unmeasured ones take their nearest neighbour.
+
+    valid  (90, 90, 180), or as many in another shape
+    """
+    valid = valid.cpu().contiguous().view(GRID)
     if torch.equal(valid, above_horizon()):
         return _nearest_above_horizon()
     return _nearest_measured_of(valid.numpy().tobytes())
