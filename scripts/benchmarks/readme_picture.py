@@ -5,7 +5,8 @@
     python scripts/benchmarks/readme_picture.py --measured ../shared/data/rgl
 
 Photographs and truths are rendered by Mitsuba from the files of the RGL database, photographs with noise of 1 % of each
-pixel. Each material is recovered by the embedded library without its family. Writes docs/figures/recovered.png.
+pixel. Each material is recovered by the embedded library without its family, as `torchbrdf fit` does it. Writes
+docs/figures/recovered.png.
 """
 
 import argparse
@@ -78,7 +79,8 @@ def run(options: argparse.Namespace) -> None:
         photograph = clean * (1 + NOISE * noise)
         dropped = relatives(name, whole.names)
         library = without_relatives(whole, name)
-        estimate = tb.BRDFEstimator(basis.without(*dropped), tb.MaterialClasses.fit(library), library=library)
+        classes = tb.MaterialClasses.fit(library)
+        estimate = tb.BRDFEstimator(basis.without(*dropped), classes, constraint="lobes", library=library)
         table = estimate(photograph).brdf(library)
         known, novel = (tb.render(table, probes[light], view) for light in (OBSERVED, NOVEL))
         print(f"{name}: {100 * relative_rms(novel.double(), truth.double(), view.mask):.1f} % under the new light")

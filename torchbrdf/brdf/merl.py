@@ -296,7 +296,10 @@ def check_file(path: Path) -> None:
 
 def read_planes(path: Path, first: int = 0, count: int = N_CELLS) -> np.ndarray:
     """(3, count) float64 as stored: the cells from `first` on of the R, G and B planes of a checked file."""
-    planes = [
-        np.fromfile(path, "<f8", count, offset=_HEADER_BYTES + 8 * (channel * N_CELLS + first)) for channel in range(3)
-    ]
-    return np.stack(planes)
+    planes = np.empty((3, count), "<f8")
+    with open(path, "rb", buffering=0) as file:
+        for channel, plane in enumerate(planes):
+            file.seek(_HEADER_BYTES + 8 * (channel * N_CELLS + first))
+            if file.readinto(plane.data) != plane.nbytes:
+                raise ValueError(f"{path}: became shorter while it was read; {AGAIN}")
+    return planes
