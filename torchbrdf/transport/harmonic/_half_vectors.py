@@ -1,7 +1,6 @@
 """Half vectors at which the kernels of a zone are sampled, and where they mirror the view direction to."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from math import pi
 
 import torch
@@ -26,15 +25,6 @@ class HalfVectors:
     cells: Tensor
     beta: Tensor
     delta: Tensor
-
-    def times(self, factor: float) -> "HalfVectors":
-        """Of a kernel times a factor."""
-        return replace(self, kernel=factor * self.kernel, weights=factor * self.weights)
-
-    @staticmethod
-    def sum_of(terms: Sequence["HalfVectors"]) -> "HalfVectors":
-        """Of a sum of kernels."""
-        return HalfVectors(*(torch.cat([getattr(term, one.name) for term in terms], -1) for one in fields(HalfVectors)))
 
 
 def half_vectors(zone: Zone, gamma: Tensor, tilt: Tensor, n: int) -> HalfVectors:

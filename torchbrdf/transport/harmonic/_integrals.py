@@ -69,7 +69,7 @@ class GroupIntegrals:
     orders     0 without tilt, 1 and 2 for what perspective adds
     to_rings   (G, Q): what turns values at Q places across the rings into moments with the rings' splines
     first_row  splines over elevation first_row, ..., first_row + n_rows - 1 that meet a half vector
-    line       nodes over delta for each of them
+    line       nodes over delta for each of them, per_delta in a radian
     """
 
     def __init__(self, stored: StoredColumns, orders: Sequence[int], zone: Zone, rings: range) -> None:
