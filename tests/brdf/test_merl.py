@@ -313,6 +313,19 @@ class TestNearestMeasured:
             beside = min(abs(int(k) - p), 180 - abs(int(k) - p))
             assert (int(i) - h) ** 2 + (int(j) - d) ** 2 + beside**2 == int(apart.min())
 
+    def test_gradients_flow_where_it_was_first_found_in_inference_mode(self):
+        holed = above_horizon().clone()
+        holed[3, 3, :9] = False
+        merl._nearest_above_horizon.cache_clear()
+        merl._nearest_measured.cache_clear()
+        for valid in (above_horizon(), holed):
+            with torch.inference_mode():
+                nearest_measured(valid)
+            values = torch.ones(*SHAPE, 3, requires_grad=True)
+            MerlTable(values, valid).filled.sum().backward()
+            assert values.grad is not None
+            assert float(values.grad.sum()) == 3 * CELLS
+
     def test_of_whole_tables_is_read_from_the_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path))
         monkeypatch.setattr(merl, "_nearest_above_horizon", merl._nearest_above_horizon.__wrapped__)
@@ -322,7 +335,7 @@ class TestNearestMeasured:
         assert torch.equal(nearest_measured(above_horizon()), made)
         assert torch.equal(nearest_measured(above_horizon().ravel()), made)
         monkeypatch.undo()
-        assert torch.equal(merl._nearest_measured(above_horizon()), made)
+        assert torch.equal(merl._nearest_measured(above_horizon().numpy().tobytes()), made)
         assert kept.stat().st_size < 6e6
 
 

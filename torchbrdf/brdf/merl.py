@@ -28,7 +28,7 @@ from torchbrdf.brdf.merl_grid import (
 )
 from torchbrdf.brdf.settings import AGAIN, RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
-from torchbrdf.lasting import on_disk
+from torchbrdf.lasting import lasting, on_disk
 
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
 """A MERL file stores f_r / CHANNEL_SCALE for R, G and B."""
@@ -47,22 +47,20 @@ Interpolation = Literal["nearest", "linear"]
 
 
 @lru_cache(maxsize=1)
+@lasting
 def _nearest_above_horizon() -> Tensor:
     """For whole tables: most are, so it is kept on disk."""
-    made = on_disk("grids", [GRID], lambda: {"cells": _nearest_measured(above_horizon()).int()})
-    return made["cells"].long()
+    whole = above_horizon().numpy().tobytes()
+    return on_disk("grids", [GRID], lambda: {"cells": _nearest_measured(whole).int()})["cells"].long()
 
 
 @lru_cache(maxsize=4)
-def _nearest_measured_of(valid: bytes) -> Tensor:
-    return _nearest_measured(torch.frombuffer(bytearray(valid), dtype=torch.bool).view(GRID))
-
-
-def _nearest_measured(valid: Tensor) -> Tensor:
+@lasting
+def _nearest_measured(valid: bytes) -> Tensor:
     """For every cell the flat index of the nearest measured one, in units of cells, phi_d periodic."""
     from scipy.ndimage import distance_transform_edt
 
-    mask = valid.numpy()
+    mask = np.frombuffer(valid, dtype=bool).reshape(GRID)
     half = GRID[2] // 2
     wrapped = np.concatenate([mask[..., -half:], mask, mask[..., :half]], axis=-1)
     h, d, p = distance_transform_edt(~wrapped, return_distances=False, return_indices=True)[..., half:-half]
@@ -77,7 +75,7 @@ def nearest_measured(valid: Tensor) -> Tensor:
     valid = valid.cpu().contiguous().view(GRID)
     if torch.equal(valid, above_horizon()):
         return _nearest_above_horizon()
-    return _nearest_measured_of(valid.numpy().tobytes())
+    return _nearest_measured(valid.numpy().tobytes())
 
 
 @dataclass(frozen=True, eq=False)

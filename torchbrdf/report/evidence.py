@@ -1,11 +1,10 @@
 """What a report shows, before it becomes a page: result and candidates, renderings, spreads, and the warnings."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import cos, pi, radians, sin
-from typing import ParamSpec, TypeVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,13 +17,10 @@ from torchbrdf.rendering import render_directional, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.report.doubts import Doubt, clamped_share, darkest_middle, doubts, margin, oscillation_of, second_best
 from torchbrdf.report.grade import Grade, grade_of
-from torchbrdf.sweep import one_thread
+from torchbrdf.sweep import side_by_side
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import SHOWN, HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View
-
-Arguments = ParamSpec("Arguments")
-Made = TypeVar("Made")
 
 DIRECTIONAL_ANGLES = (0.0, 136.0)
 """The two directional lights of [CBP21, fig. 2], in degrees about +Y from the camera."""
@@ -235,24 +231,24 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
     small = SphereView(min(size, _CANDIDATE_SIZE))
     final = tables[shown]
     balls = [sphere if table is final else small for table in tables]
-    with one_thread() as threads, ThreadPoolExecutor(threads) as pool:
+    if is_precomputed(library):
+        candidates = partial(HarmonicBasis(library, other, small).images_of, torch.stack(weights))
+    else:
+        candidates = partial(render_tables, tables, other, small, samples)
 
-        def begun(make: Callable[Arguments, Made], *args: Arguments.args, **kwargs: Arguments.kwargs) -> Future[Made]:
-            return pool.submit(torch.no_grad()(make), *args, **kwargs)
+    def left_open() -> Spread | None:
+        return None if result.posteriors is None else gather_spread(result, fits[shown], basis, library, other, size)
 
-        pictures = begun(table_pictures, final, [(other, None), (probe, turn)], sphere, SHOWN)
-        if is_precomputed(library):
-            novel = begun(HarmonicBasis(library, other, small).images_of, torch.stack(weights))
-        else:
-            novel = begun(render_tables, tables, other, small, samples)
-        spread = None
-        if result.posteriors is not None:
-            spread = begun(gather_spread, result, fits[shown], basis, library, other, size)
-        from_camera, behind = (partial(render_directional, angle_deg=a, irradiance=pi) for a in DIRECTIONAL_ANGLES)
-        frontal = [begun(from_camera, table, ball) for table, ball in zip(tables, balls, strict=True)]
-        directional = begun(behind, final, sphere)
-        albedo = begun(directional_albedo, final)
-        under_other, under_turned = pictures.result()
+    from_camera, behind = (partial(render_directional, angle_deg=a, irradiance=pi) for a in DIRECTIONAL_ANGLES)
+    parts: list[Callable[[], Any]] = [
+        partial(table_pictures, final, [(other, None), (probe, turn)], sphere, SHOWN),
+        candidates,
+        left_open,
+        partial(behind, final, sphere),
+        partial(directional_albedo, final),
+        *(partial(from_camera, table, ball) for table, ball in zip(tables, balls, strict=True)),
+    ]
+    (under_other, under_turned), novel, spread, from_behind, albedo, *frontal = side_by_side(lambda make: make(), parts)
     made = tuple(
         Candidate(
             index=j if j < k else None,
@@ -263,8 +259,8 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
             fitted=fits[j],
             table=table,
             clamped=clamped_share(table),
-            novel=under_other if table is final else novel.result()[j].cpu(),
-            frontal=frontal[j].result(),
+            novel=under_other if table is final else novel[j].cpu(),
+            frontal=frontal[j],
         )
         for j, table in enumerate(tables)
     )
@@ -281,11 +277,11 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
             relative_rms(found.fitted[c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
         ),
         turned=under_turned,
-        directional=dict(zip(DIRECTIONAL_ANGLES, (found.frontal, directional.result()), strict=True)),
+        directional=dict(zip(DIRECTIONAL_ANGLES, (found.frontal, from_behind), strict=True)),
         probes=(probe, other, turned),
-        albedo=albedo.result(),
+        albedo=albedo,
         distrust=basis.distrust,
-        spread=None if spread is None else spread.result(),
+        spread=spread,
         known=tuple(known),
         middle=darkest_middle(found.table),
     )

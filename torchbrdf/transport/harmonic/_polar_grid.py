@@ -11,7 +11,7 @@ from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._bilinear import bilinear
 from torchbrdf.transport.harmonic.grid import Zone
 from torchbrdf.transport.harmonic.splines import SUPPORT, banded_product
-from torchbrdf.transport.harmonic.views import in_perspective
+from torchbrdf.transport.harmonic.views import in_perspective, widths_of
 from torchbrdf.view import View
 
 _PER_INTERVAL = 2
@@ -125,10 +125,8 @@ def _values_to_rows(finest: Zone, zone: Zone) -> Tensor:
 def _points_of(view: View, pixels: Tensor) -> Tensor:
     """(P,) int64: how many points along a side of each pixel."""
     normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float32))[0]
-    x, y = (normals - normals[..., 4:5])[:2]
-    reach = 2 * torch.hypot(x, y).amax(1)
     counts = torch.tensor(_POINTS)
-    return counts[torch.bucketize(reach / _SPACING, counts).clamp_max(len(counts) - 1)]
+    return counts[torch.bucketize(widths_of(normals) / _SPACING, counts).clamp_max(len(counts) - 1)]
 
 
 def _inside(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:

@@ -16,7 +16,7 @@ from torch import Tensor
 from torchbrdf.transport.harmonic._mirror_images import MirrorImages, azimuths_of_images
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT
-from torchbrdf.transport.harmonic.views import in_perspective
+from torchbrdf.transport.harmonic.views import in_perspective, widths_of
 from torchbrdf.view import View
 
 _POINTS = (10, 16, 24)
@@ -150,9 +150,8 @@ class _Points:
         """More of them in pixels (Q,) whose normals vary more."""
         corners, _ = _seen_at(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float64))
         rank = torch.argsort(torch.argsort(corners[2].mean(1), descending=True))
-        spread = 2 * (corners - corners[..., 4:5])[:2].norm(dim=0).amax(1)
         tiers = [_SPREAD * n / _POINTS[0] for n in _POINTS[:-1]]
-        tier = torch.bucketize(spread, torch.tensor(tiers, dtype=torch.float32))
+        tier = torch.bucketize(widths_of(corners), torch.tensor(tiers, dtype=torch.float32))
         parts = []
         for index, n in enumerate(_POINTS):
             node, weight = np.polynomial.legendre.leggauss(n)
