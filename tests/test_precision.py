@@ -15,11 +15,13 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
+from coarse_grids import COARSE
 from paths import ROOT
 from torchbrdf.alignment import LearnedRotation
 from torchbrdf.lasting import without_autocast
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.transport.harmonic import HarmonicBasis
+from torchbrdf.transport.harmonic.cache import transport_of
 from turns import turn_about
 
 TURN = turn_about((1, 2, -0.5), 25)
@@ -27,9 +29,15 @@ TURN = turn_about((1, 2, -0.5), 25)
 
 @dataclass(frozen=True)
 class Capture:
-    """A photograph of red plastic and what explains it, made where torch prefers nothing."""
+    """A photograph of a mixture and what explains it, made where torch prefers nothing."""
 
-    library: tb.MaterialLibrary
+    materials: Path
+
+    @cached_property
+    def library(self) -> tb.MaterialLibrary:
+        made = tb.MaterialLibrary.from_merl(self.materials, progress=False)
+        transport_of(made)
+        return made
 
     @cached_property
     def probe(self) -> tb.LightProbe:
@@ -138,11 +146,24 @@ AROUND = [
 ]
 
 
+@contextmanager
+def coarsely() -> Iterator[None]:
+    """Compute as finely as it takes to see whether two pictures are the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in COARSE.items():
+            patch.setattr(name, value)
+        yield
+
+
 @pytest.fixture(scope="module")
-def capture(precomputed_library: tb.MaterialLibrary) -> Capture:
-    made = Capture(precomputed_library)
-    assert torch.isfinite(made.result.weights).all()
-    return made
+def capture(tiny_tables: dict[str, tb.MerlTable], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Capture]:
+    folder = tmp_path_factory.mktemp("materials")
+    for name in ("red", "satin-0.35", "gold-0.3", "steel-0.15"):
+        tiny_tables[name].save(folder / f"{name}.binary")
+    with coarsely():
+        made = Capture(folder)
+        assert torch.isfinite(made.result.weights).all()
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -159,26 +180,21 @@ def test_a_call_gives_what_it_gives_alone(capture: Capture, alone: Calls, name: 
 
 
 @pytest.fixture(scope="module")
-def float64_first(capture: Capture, precomputed_directory: Path, tmp_path_factory: pytest.TempPathFactory) -> Calls:
+def float64_first(capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> Calls:
     """What the calls give in a process that sets the default type before all else, with an empty cache."""
     folder = tmp_path_factory.mktemp("float64_first")
     code = """
-        import sys, torch
+        import pathlib, sys, torch
         torch.set_default_dtype(torch.float64)
-        import pytest, torchbrdf, coarse_grids, test_precision
-        from torchbrdf.transport.harmonic.cache import transport_of
-        with pytest.MonkeyPatch.context() as patch:
-            for name, value in coarse_grids.HALF_GRID.items():
-                patch.setattr(name, value)
-            library = torchbrdf.MaterialLibrary.from_merl(sys.argv[1], progress=False)
-            transport_of(library)
-            capture = test_precision.Capture(library)
+        import test_precision
+        with test_precision.coarsely():
+            capture = test_precision.Capture(pathlib.Path(sys.argv[1]))
             found = {name: call(capture).detach() for name, call in test_precision.CALLS.items()}
         torch.save(found, sys.argv[2])
     """
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
     environment = {**os.environ, "TORCHBRDF_CACHE": str(folder / "cache"), "PYTHONPATH": path}
-    command = [sys.executable, "-c", dedent(code), str(precomputed_directory), str(folder / "found.pt")]
+    command = [sys.executable, "-c", dedent(code), str(capture.materials), str(folder / "found.pt")]
     subprocess.run(command, env=environment, check=True)
     found: Calls = torch.load(folder / "found.pt")
     return found

@@ -199,7 +199,7 @@ class MerlTable:
         Raises ValueError where it gives something else.
         """
         valid = above_horizon()
-        w_i, w_o = (directions[valid] for directions in from_half_difference(*cell_centres()))
+        w_i, w_o = (directions.clone() for directions in _directions())  # f_r may write into them
         given = f_r(w_i, w_o)
         shape = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
         if shape not in ((len(w_i), 3), (len(w_i), 1), (1, 3), (3,), (1,), ()):
@@ -271,6 +271,15 @@ class MerlTable:
                 weight = weight * (f if step else 1 - f)
             total = total + weight[..., None] * self.filled[(i_h * GRID[1] + i_d) * GRID[2] + i_p]
         return torch.as_tensor(total)
+
+
+@lru_cache(maxsize=1)
+@lasting
+def _directions() -> tuple[Tensor, Tensor]:
+    """(N, 3) float64 to light and camera of the cells above the horizon, which every table of a function needs."""
+    valid = above_horizon()
+    w_i, w_o = from_half_difference(*cell_centres())
+    return w_i[valid], w_o[valid]
 
 
 def check_file(path: Path) -> None:
