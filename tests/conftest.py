@@ -1,4 +1,9 @@
-"""What several test modules share: the data beside the repository, small libraries, a cache of their own."""
+"""What several test modules share: the data beside the repository, small libraries, a cache of their own.
+
+What takes long to import is imported where it is used: the process that waits for the others needs none of it.
+"""
+
+from __future__ import annotations
 
 import gc
 import os
@@ -10,31 +15,30 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("GOMP_SPINCOUNT", "5000")  # as torchbrdf sets it where it is imported before torch
 if "PYTEST_XDIST_WORKER" in os.environ:  # the processes of a run share the cores
     os.environ["OMP_NUM_THREADS"] = "1"
 
-import hypothesis
 import pytest
-import torch
-from torch import Tensor
 
-from coarse_grids import HALF_GRID
-from materials import STRANGERS, TINY_MATERIALS
 from paths import ROOT
-from torchbrdf.brdf.library import MaterialLibrary
-from torchbrdf.brdf.merl import MerlTable
-from torchbrdf.light.probe import LightProbe
-from torchbrdf.rendering.tables import render_tables
-from torchbrdf.transport.harmonic.cache import transport_of
-from torchbrdf.view.sphere import SphereView
 
-hypothesis.settings.register_profile("torchbrdf", deadline=None, max_examples=60)
-hypothesis.settings.load_profile("torchbrdf")
+if TYPE_CHECKING:
+    from torch import Tensor
 
-gc.disable()  # while the modules of tests are imported, which leaves no garbage
+    from torchbrdf import MaterialLibrary, MerlTable
+
+
+def pytest_collectstart(collector: pytest.Collector) -> None:
+    """Before any module of tests is imported, which leaves no garbage."""
+    if isinstance(collector, pytest.Session):
+        import hypothesis
+
+        hypothesis.settings.register_profile("torchbrdf", deadline=None, max_examples=60)
+        hypothesis.settings.load_profile("torchbrdf")
+        gc.disable()
 
 
 def pytest_collection_finish() -> None:
@@ -88,6 +92,8 @@ def interruptible() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def seeded() -> None:
     """The same random numbers in every run; what lives longer than a test takes a generator."""
+    import torch
+
     torch.default_generator.manual_seed(0)  # `torch.manual_seed` asks for every device, for a millisecond
 
 
@@ -147,24 +153,33 @@ def decode(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Calla
 @pytest.fixture(scope="session")
 def decoded_pink_felt(decode: Callable[..., Path]) -> MerlTable:
     """pink-felt from its neural encoding."""
+    from torchbrdf import MerlTable
+
     return MerlTable.open(decode("pink-felt") / "pink-felt.binary")
 
 
 @pytest.fixture(scope="session")
 def tiny_tables() -> dict[str, MerlTable]:
     """Ten analytic materials by name."""
+    from materials import TINY_MATERIALS
+    from torchbrdf import MerlTable
+
     return {name: MerlTable.from_function(f_r, name) for name, f_r in TINY_MATERIALS.items()}
 
 
 @pytest.fixture(scope="session")
 def tiny_library(tiny_tables: dict[str, MerlTable]) -> MaterialLibrary:
     """The ten analytic materials as a library in memory."""
+    from torchbrdf import MaterialLibrary
+
     return MaterialLibrary.from_tables(list(tiny_tables.values()))
 
 
 @pytest.fixture(scope="session")
 def default_library(own_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> MaterialLibrary:
     """The embedded library, which no test changes: its expansion takes many seconds and happens once in a whole run."""
+    from torchbrdf import MaterialLibrary
+
     own = tmp_path_factory.getbasetemp()
     made = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "embedded"
     with pytest.MonkeyPatch.context() as patch:
@@ -188,6 +203,8 @@ def precomputed_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: p
 @pytest.fixture(scope="module")
 def half_grid() -> Iterator[None]:
     """HALF_GRID in the place of the grid at work, which tests/transport/harmonic/test_basis.py is about."""
+    from coarse_grids import HALF_GRID
+
     with pytest.MonkeyPatch.context() as patch:
         for name, value in HALF_GRID.items():
             patch.setattr(name, value)
@@ -197,6 +214,9 @@ def half_grid() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def precomputed_library(own_cache: Path, precomputed_directory: Path, half_grid: None) -> MaterialLibrary:
     """Their library. It lives in the cache, so that its transport is computed once in a whole run, in 5 s."""
+    from torchbrdf import MaterialLibrary
+    from torchbrdf.transport.harmonic.cache import transport_of
+
     library = MaterialLibrary.from_merl(precomputed_directory, progress=False)
     transport_of(library)
     return library
@@ -205,12 +225,18 @@ def precomputed_library(own_cache: Path, precomputed_directory: Path, half_grid:
 @pytest.fixture(scope="session")
 def strangers() -> dict[str, MerlTable]:
     """The tables of STRANGERS."""
+    from materials import STRANGERS
+    from torchbrdf import MerlTable
+
     return {name: MerlTable.from_function(f_r, name) for name, f_r in STRANGERS.items()}
 
 
 @pytest.fixture(scope="session")
 def photographs(strangers: dict[str, MerlTable]) -> dict[str, Tensor]:
     """(3, 48, 48) spheres of STRANGERS under `LightProbe.default(64)`, by the sampled transport: 0.5 % noise."""
+    from torchbrdf import LightProbe, SphereView
+    from torchbrdf.rendering import render_tables
+
     images = render_tables(list(strangers.values()), LightProbe.default(64), SphereView(48), samples=1024, seed=3)
     return dict(zip(strangers, images, strict=True))
 
