@@ -27,7 +27,9 @@ def room(d: Tensor) -> Tensor:
     places = torch.nn.functional.normalize(torch.randn(40, 3, generator=generator, dtype=torch.float64), dim=-1)
     widths = 8 + 60 * torch.rand(40, generator=generator, dtype=torch.float64)
     colours = 3 * torch.rand(40, 3, generator=generator, dtype=torch.float64)
-    return 0.1 + torch.exp(widths * (d.double() @ places.T - 1)) @ colours
+    away = torch.addmm(-widths.float(), d.reshape(-1, 3).float(), (widths[:, None] * places).T.float())
+    lit = torch.exp(away.clamp_min(-40)) @ colours.float()  # smaller numbers are denormal, and slow
+    return 0.1 + lit.reshape(d.shape)
 
 
 def texels(height: int) -> Tensor:
@@ -53,10 +55,14 @@ def photographed(
     middle = torch.tensor(ball.direction, dtype=torch.float64) / math.sin(math.radians(ball.radius_deg))
     along = rays @ middle
     root = along**2 - middle @ middle + 1
-    normals = (along - root.clamp_min(0).sqrt())[..., None] * rays - middle
+    on_ball = root > 0
+    image = rays.new_empty(rays.shape)
+    image[~on_ball] = radiance_of(rays[~on_ball]).to(image)
+    rays = rays[on_ball]
+    normals = (along - root.clamp_min(0).sqrt())[on_ball, None] * rays - middle
     cosine = -(rays * normals).sum(-1, keepdim=True)
     seen = radiance_of(rays + 2 * cosine * normals)
     if reflectance is not None:
         seen = seen * reflectance(torch.acos(cosine[..., 0].clamp(-1, 1)))
-    image = torch.where(root[..., None] > 0, seen, radiance_of(rays))
+    image[on_ball] = seen.to(image)
     return image.reshape(height, _PARTS, width, _PARTS, 3).mean((1, 3)).permute(2, 0, 1).float()

@@ -30,8 +30,8 @@ def soft() -> LightProbe:
 
 
 @pytest.fixture(scope="module")
-def light(precomputed_library: MaterialLibrary) -> HarmonicBasis:
-    return HarmonicBasis(precomputed_library, soft(), VIEW, lines=LINES)
+def light(quarter_library: MaterialLibrary) -> HarmonicBasis:
+    return HarmonicBasis(quarter_library, soft(), VIEW, lines=LINES)
 
 
 def only(library: MaterialLibrary, name: str) -> Tensor:
@@ -91,16 +91,16 @@ def test_gradient_of_the_turn(light: HarmonicBasis, vector: tuple[float, ...]) -
     assert float(expected.abs().min()) > 0.05 * float(expected.norm())
 
 
-def test_gradients_of_weights_and_radiance(precomputed_library: MaterialLibrary) -> None:
+def test_gradients_of_weights_and_radiance(quarter_library: MaterialLibrary) -> None:
     """The image is linear in both: gradients are what one more unit of them adds."""
     probe = soft()
     radiance = probe.radiance.clone().requires_grad_()
-    learned = LearnedRotation(HarmonicBasis(precomputed_library, LightProbe(radiance), VIEW, lines=LINES), TILT)
-    weights = mixed(precomputed_library).requires_grad_()
+    learned = LearnedRotation(HarmonicBasis(quarter_library, LightProbe(radiance), VIEW, lines=LINES), TILT)
+    weights = mixed(quarter_library).requires_grad_()
     field = torch.randn(3, len(VIEW.pixels), generator=torch.Generator().manual_seed(6))
     total = (learned(weights) * field).sum()
     total.backward()
-    packed = HarmonicBasis(precomputed_library, probe, VIEW, lines=LINES).basis_at(TILT).packed
+    packed = HarmonicBasis(quarter_library, probe, VIEW, lines=LINES).basis_at(TILT).packed
     expected = torch.einsum("ncp,cp->nc", packed, field)
     assert weights.grad is not None
     assert radiance.grad is not None
@@ -187,16 +187,16 @@ def forget() -> None:
 
 
 def test_after_an_alignment_without_gradients(
-    precomputed_library: MaterialLibrary, photographs: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch
+    quarter_library: MaterialLibrary, photographs: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What `align` keeps for later in `torch.inference_mode` enters graphs later."""
     monkeypatch.setattr(harmonic_cache, "_in_memory", LastFew(2))
     forget()
     try:
         with torch.inference_mode():
-            align(photographs["brass"], LightProbe.default(64), SphereView(48), precomputed_library)
-        learned = LearnedRotation(HarmonicBasis(precomputed_library, LightProbe.default(64), SphereView(48)))
-        learned(only(precomputed_library, "red")).sum().backward()
+            align(photographs["brass"], LightProbe.default(64), SphereView(48), quarter_library)
+        learned = LearnedRotation(HarmonicBasis(quarter_library, LightProbe.default(64), SphereView(48)))
+        learned(only(quarter_library, "red")).sum().backward()
         assert learned.turn.grad is not None
         assert float(learned.turn.grad.norm()) > 0
     finally:

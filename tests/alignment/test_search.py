@@ -24,8 +24,8 @@ EXPECTED = radians(5)
 
 
 @pytest.fixture(scope="module")
-def room(precomputed_library: MaterialLibrary) -> HarmonicBasis:
-    return HarmonicBasis(precomputed_library, LightProbe.default(64), VIEW)
+def room(quarter_library: MaterialLibrary) -> HarmonicBasis:
+    return HarmonicBasis(quarter_library, LightProbe.default(64), VIEW)
 
 
 @pytest.fixture(scope="module")
@@ -224,10 +224,10 @@ def test_no_step_leads_higher() -> None:
     assert not summit.converged
 
 
-def test_far_from_no_turn(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
+def test_far_from_no_turn(quarter_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
     """A step turns what has been turned already: about the world's axes, not about the probe's."""
     truth = turn_about((1, 1, 0.3), 120)
-    light = HarmonicBasis(precomputed_library, LightProbe.default(64).rotated(truth.T), VIEW)
+    light = HarmonicBasis(quarter_library, LightProbe.default(64).rotated(truth.T), VIEW)
     one = search(light, photographs["satin"])
     summit = one.climb(one.trial(turned(torch.tensor([2.0, -1.0, 1.0]), 5) @ truth))
     assert degrees_between(summit.trial.rotation, truth) < 0.2
@@ -247,9 +247,9 @@ def test_never_ends_lower(searches: dict[str, RotationSearch], monkeypatch: pyte
     assert searches["clay"].climb(start).trial is start
 
 
-def test_what_the_light_does_not_tell(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
+def test_what_the_light_does_not_tell(quarter_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
     """Under light that is the same from everywhere nothing moves, and what was expected is left."""
-    one = search(HarmonicBasis(precomputed_library, LightProbe(torch.ones(3, 16, 32)), VIEW), photographs["paint"])
+    one = search(HarmonicBasis(quarter_library, LightProbe(torch.ones(3, 16, 32)), VIEW), photographs["paint"])
     start = one.trial(AXES)
     summit = one.climb(start)
     assert summit.trial is start

@@ -51,9 +51,9 @@ def photographs(strangers: dict[str, MerlTable]) -> dict[str, Tensor]:
 
 
 @pytest.fixture(scope="module")
-def aligned(precomputed_library: MaterialLibrary) -> Callable[..., Alignment]:
+def aligned(quarter_library: MaterialLibrary) -> Callable[..., Alignment]:
     def run(image: Tensor, probe: LightProbe = ROOM, **options: object) -> Alignment:
-        return align(image, probe, VIEW, precomputed_library, **options)
+        return align(image, probe, VIEW, quarter_library, **options)
 
     return run
 
@@ -113,10 +113,10 @@ def test_an_outline_of_something_else_is_not_followed(
     assert aligned(photographs["brass"], silhouette=TRUTH).silhouette is TRUTH
 
 
-def test_a_ball_in_a_view_that_is_not_in_perspective(precomputed_library: MaterialLibrary) -> None:
+def test_a_ball_in_a_view_that_is_not_in_perspective(quarter_library: MaterialLibrary) -> None:
     ball = Ball(PinholeCamera.of_fov((118, 122), 30), (0.0, 0.0, -1.0), 7.0)
     with pytest.raises(ValueError, match=r"^a Ball is seen in perspective, .* give SphereView.of_ball\(32, ball\)"):
-        tb.align(torch.ones(3, 118, 122), ROOM, VIEW, precomputed_library, silhouette=ball)
+        tb.align(torch.ones(3, 118, 122), ROOM, VIEW, quarter_library, silhouette=ball)
 
 
 def test_a_standard_deviation_holds_what_is_off(
@@ -130,15 +130,15 @@ def test_a_standard_deviation_holds_what_is_off(
 
 
 def test_is_searched_coarsely_and_seen_finely(
-    precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]
+    quarter_library: MaterialLibrary, photographs: dict[str, Tensor]
 ) -> None:
     """The observation and the basis images are those of the view that was given."""
     view = SphereView(72)
-    found = align(photographs["paint"], ROOM, view, precomputed_library, silhouette=guess(0.7, -0.5, 0.3))
+    found = align(photographs["paint"], ROOM, view, quarter_library, silhouette=guess(0.7, -0.5, 0.3))
     assert off(found) < 0.15
     assert found.observation is not None
     assert found.observation.mask.shape == (1, 72, 72)
-    expected = tb.HarmonicBasis(precomputed_library, ROOM, view).basis_at()
+    expected = tb.HarmonicBasis(quarter_library, ROOM, view).basis_at()
     torch.testing.assert_close(found.basis.packed, expected.packed)
 
 
@@ -191,9 +191,9 @@ def test_bad_input(
     assert "\n" not in str(caught.value)
 
 
-def test_of_a_shape_that_is_no_ball(precomputed_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
+def test_of_a_shape_that_is_no_ball(quarter_library: MaterialLibrary, photographs: dict[str, Tensor]) -> None:
     shape = NormalMapView(torch.tensor([0.0, 0.0, 1.0])[:, None, None].expand(3, 8, 8))
     with pytest.raises(
         ValueError, match=r"^a silhouette can be found of a ball: the view must be a SphereView, got .*$"
     ):
-        align(photographs["paint"], ROOM, shape, precomputed_library, silhouette=TRUTH)
+        align(photographs["paint"], ROOM, shape, quarter_library, silhouette=TRUTH)

@@ -3,6 +3,7 @@
 import json
 import re
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,16 @@ from torchbrdf.cli import main
 from torchbrdf.mitsuba_startup import mitsuba_program
 
 ALBEDO = (0.6, 0.3, 0.1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarsely() -> Iterator[None]:
+    """Fits look at fewer cells than usual, and previews take fewer samples: what is said of them is the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, steps in {"_STEPS": (2, 9, 22), "_ALL": (3, 6, 12)}.items():
+            patch.setattr(f"torchbrdf.analytic.table_fit.{name}", steps)
+        patch.setattr("torchbrdf.commands._analytic_files._SAMPLES", 64)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """`torchbrdf bake`, and `torchbrdf fit` of other shapes than a ball with what it wrote."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import torchbrdf as tb
 from torchbrdf.cli import main
 from torchbrdf.mitsuba_backend import baking
 from torchbrdf.photograph.observation import observe_view
+from torchbrdf.report import write_report
 
 SIZE = 24
 pytestmark = pytest.mark.usefixtures("mitsuba")
@@ -35,7 +37,11 @@ def bake(library: Path, mesh: Path, output: Path, *more: object) -> int:
     return run("bake", *settings, *more, "-o", output)
 
 
-def test_baked_images_serve_a_fit_of_the_same_shape(merl_directory, tiny_tables, ellipsoid, tmp_path, capsys):
+def test_baked_images_serve_a_fit_of_the_same_shape(
+    merl_directory, tiny_tables, ellipsoid, tmp_path, capsys, monkeypatch
+):
+    """Its report has small pictures."""
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", partial(write_report, size=16, samples=16))
     basis_file, photo = tmp_path / "basis.safetensors", tmp_path / "photo.exr"
     assert bake(merl_directory, ellipsoid, basis_file) == 0
     assert "estimated error of the 24 images" in capsys.readouterr().out

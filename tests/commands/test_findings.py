@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,9 +97,20 @@ def test_the_document_holds_json_alone():
     json.dumps(found, allow_nan=False)
 
 
+@pytest.fixture(scope="module")
+def uniform() -> tb.MerlTable:
+    """0.1 / sr."""
+    return tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.1))
+
+
+def brighter(table: tb.MerlTable, times: float, path: Path) -> Path:
+    replace(table, values=times * table.values).save(path)
+    return path
+
+
 @pytest.fixture
-def grey(tmp_path: Path) -> Path:
-    tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.1)).save(tmp_path / "grey.binary")
+def grey(uniform: tb.MerlTable, tmp_path: Path) -> Path:
+    uniform.save(tmp_path / "grey.binary")
     return tmp_path / "grey.binary"
 
 
@@ -125,8 +137,8 @@ class TestCommands:
         assert np.shape(table["albedo"]) == (4, 3)
         assert told["missing"] is None
 
-    def test_strict_has_a_status_and_no_error(self, capsys, tmp_path):
-        tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 9.0)).save(tmp_path / "lamp.binary")
+    def test_strict_has_a_status_and_no_error(self, capsys, tmp_path, uniform):
+        brighter(uniform, 90, tmp_path / "lamp.binary")
         told = document(capsys, "verify", tmp_path, "--strict", status=3)
         assert len(told["warnings"]) == 1
         assert told["warnings"][0].startswith("lamp: ")
@@ -145,9 +157,8 @@ class TestCommands:
         assert max(told["differences"].values()) < 1e-6
         assert told["common"] == pytest.approx(1)
 
-    def test_compare(self, capsys, tmp_path, grey, white):
-        tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 0.2)).save(tmp_path / "bright.binary")
-        words = grey, tmp_path / "bright.binary", "--probe", white, "--size", 8, "--samples", 64
+    def test_compare(self, capsys, tmp_path, grey, white, uniform):
+        words = grey, brighter(uniform, 2, tmp_path / "bright.binary"), "--probe", white, "--size", 8, "--samples", 64
         told = document(capsys, "compare", *words, "-o", tmp_path / "page.html")
         (difference,) = told["differences"]
         assert (told["reference"], difference["name"]) == ("grey", "bright")
@@ -181,8 +192,8 @@ class TestCommands:
         assert main([*map(str, words)]) == 0
         assert capsys.readouterr() == ("", "")
 
-    def test_quiet_keeps_warnings(self, capsys, tmp_path):
-        tb.MerlTable.from_function(lambda w_i, w_o: torch.full_like(w_i, 9.0)).save(tmp_path / "lamp.binary")
+    def test_quiet_keeps_warnings(self, capsys, tmp_path, uniform):
+        brighter(uniform, 90, tmp_path / "lamp.binary")
         assert main(["verify", str(tmp_path), "--quiet"]) == 0
         captured = capsys.readouterr()
         assert captured.out == ""

@@ -31,7 +31,10 @@ Fit = Callable[..., tuple[int, list[str], list[str]]]
 @pytest.fixture
 def photos(tmp_path: Path, photographs: dict[str, Tensor]) -> Path:
     """A folder of two materials under the default probe, and one of them with a hole."""
-    folder = tmp_path / "photos"
+    return write_photos(tmp_path / "photos", photographs)
+
+
+def write_photos(folder: Path, photographs: dict[str, Tensor]) -> Path:
     folder.mkdir()
     for name in ("paint", "satin"):
         tb.write_image(folder / f"{name}.exr", photographs[name])
@@ -49,8 +52,18 @@ def probe(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def fit(precomputed_library: object, precomputed_directory: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    """Runs the command, without reports but for `--report`: its exit status, and the lines of stdout and stderr."""
+def fit(
+    precomputed_library: object,
+    precomputed_directory: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+):
+    """Runs the command, without reports but for `--report`: its exit status, and the lines of stdout and stderr.
+
+    Whether a photograph shows another ball than its mask, which takes long, see test_fit_says.py.
+    """
+    monkeypatch.setattr("torchbrdf.commands._sight.another", lambda *_: None)
 
     def run(*words: object, out: Path | None = None) -> tuple[int, list[str], list[str]]:
         report = [] if "--report" in words else ["--no-report"]
@@ -262,10 +275,30 @@ def test_what_all_need_is_refused_once(capsys: pytest.CaptureFixture[str], photo
     assert f"{tmp_path / 'no.exr'}: no such file" in line
 
 
+@pytest.fixture(scope="module")
+def finished(
+    precomputed_library: object,
+    precomputed_directory: Path,
+    photographs: dict[str, Tensor],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """A folder of photographs, their probe, and all their results in `out`."""
+    folder = tmp_path_factory.mktemp("finished")
+    photos = write_photos(folder / "photos", photographs)
+    tb.LightProbe.default(64).save(folder / "probe.exr")
+    files = "--probe", folder / "probe.exr", "--library", precomputed_directory, "-o", folder / "out"
+    words = "fit", photos, *files, "--size", SIZE, "--no-report", "--quiet"
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*material class")
+        assert main([str(word) for word in words]) == 0
+    return folder
+
+
 class TestFinished:
     @pytest.fixture
-    def before(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path) -> dict[str, int]:
-        fit(photos, "--probe", probe)
+    def before(self, finished: Path, photos: Path, probe: Path, tmp_path: Path) -> dict[str, int]:
+        """As if these photographs had been fitted: what a run leaves, with its times."""
+        shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
         return times(tmp_path / "out")
 
     def redone(self, before: dict[str, int], out: Path) -> set[str]:

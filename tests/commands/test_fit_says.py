@@ -3,6 +3,7 @@
 import json
 import re
 import warnings
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ from photographs_of_balls import photographed
 from picture_files import window, write_exr
 from torchbrdf.cli import main
 from torchbrdf.commands._capture import doubts_of_sight
-from torchbrdf.photograph import Circle
+from torchbrdf.commands._sight import find_silhouette
+from torchbrdf.photograph import Circle, Photograph
 from torchbrdf.report import Doubt
 
 SIZE = 16
@@ -54,9 +56,11 @@ def fit(
 ):
     """Runs the command: its exit status, and the lines of stdout and stderr.
 
-    The photographs are without perspective, so what is said of a camera that is not known would be wrong.
+    The photographs are without perspective, so what is said of a camera that is not known would be wrong. They are not
+    searched for another ball than is given, which takes longer than the fit.
     """
     monkeypatch.setattr("torchbrdf.commands._lit_sight.doubts_of_sight", lambda *_: [])
+    monkeypatch.setattr("torchbrdf.commands._sight.another", lambda *_: None)
 
     def run(photo: Path, *more: object) -> tuple[int, list[str], list[str]]:
         tb.write_image(tmp_path / "probe.exr", tb.LightProbe.default(64).radiance, {"rows": "poles"})
@@ -247,6 +251,16 @@ class TestForScripts:
         reports += [Doubt("oscillation", "The weights oscillate.")]
         mask = photo.parent / "mask.png"
         assert fit(photo, "--mask", mask, "--quiet") == (0, [], ["torchbrdf: warning: The weights oscillate."])
+
+
+def test_another_ball_than_is_given_is_a_warning(tmp_path):
+    tb.write_image(tmp_path / "whole.exr", photographed((72, 96), [Circle(48.0, 36.0, 22.0)]))
+    photograph = Photograph.open(tmp_path / "whole.exr")
+    options = Namespace(photo=tmp_path / "whole.exr", circle=(45.0, 36.0, 22.0), mask=None, ball=None)
+    seen = r"whole\.exr: circle at \(4[78]\.\d, 3[56]\.\d\), radius 2[12]\.\d pixels, .* of its rim seen is seen, and "
+    given = r"circle at \(45\.0, 36\.0\), radius 22\.0 pixels is given by --circle, which is taken; is it right\?"
+    with pytest.warns(UserWarning, match=seen + given):
+        assert find_silhouette(options, photograph, None) == (Circle(45.0, 36.0, 22.0), "as given")
 
 
 @pytest.mark.usefixtures("reports")

@@ -18,6 +18,12 @@ from torchbrdf.photograph import Circle
 CIRCLE = (30.0, 21.0, 14.0)
 
 
+@pytest.fixture(autouse=True)
+def few_rows(monkeypatch):
+    """What options say is the same of light in 64 rows, which the ball has not, as in 512."""
+    monkeypatch.setattr("torchbrdf.light._picture.LEAST_HEIGHT", 64)
+
+
 def parsed(*arguments: object) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_light(parser)

@@ -65,12 +65,14 @@ class TestBadTables:
         assert line.startswith(f"torchbrdf: error: {path}: {said}")
         assert [found.name for found in tmp_path.iterdir()] == ["photo.exr"]
 
-    def test_verify(self, capsys, bad: tuple[Path, str]):
+    def test_verify(self, capsys, bad: tuple[Path, str], tmp_path: Path):
         path, said = bad
-        assert main(["verify", str(path.parent)]) == 2
+        for name in ("a", "white"):
+            os.link(path.with_stem(name), tmp_path / f"{name}.binary")
+        assert main(["verify", str(tmp_path)]) == 2
         lines = capsys.readouterr().out.splitlines()
-        assert lines[0].startswith("7 sound: ")
-        assert lines[1].startswith(f"unsound a: {path}: {said}")
+        assert lines[0] == "1 sound: white"
+        assert lines[1].startswith(f"unsound a: {tmp_path / 'a.binary'}: {said}")
 
 
 def test_verify_says_where_it_looked(capsys, merl_directory: Path, tmp_path: Path):
@@ -107,17 +109,20 @@ class TestFolderOfFit:
         assert line.endswith("other: no brdf.binary in this folder; name a MERL table or a folder of `torchbrdf fit`")
 
 
+@pytest.fixture(scope="module")
+def library(merl_directory: Path, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Seven tables in a folder, and one beside it."""
+    folder = tmp_path_factory.mktemp("mixture")
+    (folder / "my tables").mkdir()
+    *seven, last = sorted(merl_directory.iterdir())
+    for path in seven:
+        os.link(path, folder / "my tables" / path.name)
+    os.link(last, folder / "another.binary")
+    return ["--library", str(folder / "my tables"), "--library", str(folder / "another.binary")]
+
+
 class TestMixture:
     """Of a folder and a file beside it, as `--library`."""
-
-    @pytest.fixture
-    def library(self, merl_directory: Path, tmp_path: Path) -> list[str]:
-        (tmp_path / "my tables").mkdir()
-        *seven, last = sorted(merl_directory.iterdir())
-        for path in seven:
-            os.link(path, tmp_path / "my tables" / path.name)
-        os.link(last, tmp_path / "another.binary")
-        return ["--library", str(tmp_path / "my tables"), "--library", str(tmp_path / "another.binary")]
 
     def test_classes(self, capsys, library: list[str]):
         assert main(["classes", *library]) == 0

@@ -8,10 +8,34 @@ import torch
 from photographs_of_balls import off, photographed
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
-from torchbrdf.photograph import Circle, another, locate
+from torchbrdf.photograph import Circle, another, choice, locate
+from torchbrdf.photograph._pyramid import Pyramid
 
 SIZE = (160, 240)
 LARGE, SMALL = Circle(80.0, 72.6, 38.4), Circle(190.0, 100.0, 25.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def found_once():
+    """What is found in one photograph for one camera, which takes a second, is looked for once."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("balls_of", "any_sure"):
+            patch.setattr(choice, name, remembered(getattr(choice, name)))
+        patch.setattr(choice, "find_balls", lambda image, camera: choice.balls_of(Pyramid.of(image), camera))
+        yield
+
+
+def remembered(find):
+    """The same function of a pyramid and a camera, called once for each."""
+    known = {}
+
+    def found(pyramid, *camera):
+        key = pyramid.levels[0].shape, pyramid.levels[0].tobytes(), camera
+        if key not in known:
+            known[key] = find(pyramid, *camera)
+        return known[key]
+
+    return found
 
 
 @pytest.fixture(autouse=True)

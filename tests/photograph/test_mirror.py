@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 import torch
 from torch import Tensor
 
@@ -38,10 +39,14 @@ def mirror(reflectance: float) -> Tensor:
     return image * (1 + 0.01 * torch.randn(image.shape, generator=torch.Generator().manual_seed(0)))
 
 
-def test_a_mirror_is_found_where_directions_begin_to_crowd():
-    assert off(find_balls(mirror(1.0), CAMERA)[0].silhouette, BALL) < 0.15
+@pytest.fixture(scope="module")
+def found():
+    return find_balls(mirror(1.0), CAMERA)[0]
 
 
-def test_that_edges_alone_would_place_it_elsewhere_is_told():
-    found = find_balls(mirror(1.0), CAMERA)[0]
+def test_a_mirror_is_found_where_directions_begin_to_crowd(found):
+    assert off(found.silhouette, BALL) < 0.15
+
+
+def test_that_edges_alone_would_place_it_elsewhere_is_told(found):
     assert found.doubt > 0.2 * found.circle.radius / 32

@@ -68,13 +68,17 @@ def _patches(
     inside = (x >= _HALF) & (x < size[1] - _HALF) & (y >= _HALF) & (y < size[0] - _HALF)
     x, y = np.where(inside, x, _HALF), np.where(inside, y, _HALF)
     total = np.zeros((len(rows), 3))
-    squares, low, high = total.copy(), np.full_like(total, np.inf), np.full_like(total, -np.inf)
+    squares = total.copy()
+    pixels, middle = frame.codes.reshape(-1, 3), y * size[1] + x
+    low = high = pixels.take(middle, axis=0)
     for dy in range(-_HALF, _HALF + 1):
         for dx in range(-_HALF, _HALF + 1):
-            values = frame.codes[y + dy, x + dx] / frame.full_scale
+            codes = pixels.take(middle + (dy * size[1] + dx), axis=0)
+            values = codes / frame.full_scale
             total += values
-            squares += values**2
-            low, high = np.minimum(low, values), np.maximum(high, values)
+            squares += np.square(values, out=values)
+            low, high = np.minimum(low, codes), np.maximum(high, codes)
+    low, high = low / frame.full_scale, high / frame.full_scale
     count = (2 * _HALF + 1) ** 2
     mean = total / count
     spread = np.sqrt(np.maximum(squares / count - mean**2, 0)) / np.maximum(mean, 1e-9)

@@ -77,11 +77,13 @@ def test_a_metal_reflects_by_angle():
     assert difference(straight.radiance, straight.reflected) > 0.006
 
 
-def test_rows_follow_the_photograph(image):
-    assert unwrapped([MirrorPhotograph(image, BALL)]).radiance.shape == (3, 512, 1024)
-    large = Ball(PinholeCamera.of_fov((680, 680), 20), (0, 0, -1), 9.8)
-    found = unwrapped([MirrorPhotograph(torch.ones(3, 680, 680), large)])
-    assert found.radiance.shape[1] == math.ceil(math.pi / 2 * large.circle[2]) > 512
+def test_rows_follow_the_photograph(image, monkeypatch):
+    """Of a light probe there are 512 at least, see tests/light/test_picture.py; here 96."""
+    monkeypatch.setattr("torchbrdf.light.mirror.photographs.LEAST_HEIGHT", 96)
+    assert unwrapped([MirrorPhotograph(image, BALL)]).radiance.shape == (3, 96, 192)
+    large = Ball(PinholeCamera.of_fov((140, 140), 20), (0, 0, -1), 9.8)
+    found = unwrapped([MirrorPhotograph(torch.ones(3, 140, 140), large)])
+    assert found.radiance.shape[1] == math.ceil(math.pi / 2 * large.circle[2]) > 96
     torch.testing.assert_close(found.radiance, torch.ones_like(found.radiance))
 
 
@@ -106,7 +108,7 @@ def sunny(directions: Tensor) -> Tensor:
     return torch.where(sun[..., None], math.inf, scene(directions))
 
 
-@pytest.mark.parametrize("rows", [24, 128, 512])
+@pytest.mark.parametrize("rows", [24, 256])
 def test_a_lamp_too_bright_is_passed_on_where_it_is(rows):
     found = unwrapped([MirrorPhotograph(photographed(BALL, sunny), BALL)], height=rows)
     infinite = torch.isposinf(found.radiance)
@@ -120,8 +122,8 @@ def test_a_lamp_too_bright_is_passed_on_where_it_is(rows):
 def test_a_lamp_seen_from_two_sides_is_one():
     one = MirrorPhotograph(photographed(BALL, lambda d: torch.where(sunny(d) < math.inf, room(d), math.inf)), BALL)
     seen = photographed(OTHER, lambda d: torch.where(sunny(d @ TURN.T) < math.inf, room(d @ TURN.T), math.inf))
-    found = unwrapped([one, MirrorPhotograph(seen, OTHER)], height=128)
-    toward = texels(128)[torch.isposinf(found.radiance[0])].double()
+    found = unwrapped([one, MirrorPhotograph(seen, OTHER)], height=64)
+    toward = texels(64)[torch.isposinf(found.radiance[0])].double()
     assert float((toward @ SUN).min()) > math.cos(math.radians(8))
 
 
@@ -181,25 +183,25 @@ def two() -> tuple[MirrorPhotograph, MirrorPhotograph]:
 
 
 def test_a_second_photograph_fills_what_the_first_did_not_see(two):
-    found = unwrapped(two, height=128, beside=False)
-    alone = unwrapped(two[:1], height=128, beside=False)
+    found = unwrapped(two, height=64, beside=False)
+    alone = unwrapped(two[:1], height=64, beside=False)
     assert found.turn is not None
     off = rotation_vector(found.turn.rotation @ TURN.T).norm()
     assert math.degrees(float(off)) < 0.15
     assert found.turn.gain == 1
     assert found.share(found.filled) == 0 < alone.share(alone.filled)
-    expected = room(texels(128)).permute(2, 0, 1)
+    expected = room(texels(64)).permute(2, 0, 1)
     weights = LightProbe(expected).solid_angles
     errors = [float(((each.radiance - expected) ** 2 * weights).sum()) for each in (found, alone)]
     assert errors[0] < errors[1] / 2
 
 
-@pytest.mark.parametrize("vector", [(0.0, math.pi, 0.0), (0.0, 0.0, 0.0), (2.0, 0.5, -1.0), (1.2, 1.2, 1.2)])
+@pytest.mark.parametrize("vector", [(0.0, math.pi, 0.0), (0.0, 0.0, 0.0), (2.0, 0.5, -1.0)])
 def test_cameras_may_stand_anywhere(two, vector):
     """Opposite each other, too, where each sees sharply what the other sees at its rim."""
     turn = rotation_of(torch.tensor(vector))
     other = MirrorPhotograph(photographed(OTHER, lambda d: room(d @ turn.T)), OTHER)
-    found = unwrapped([two[0], other], height=128)
+    found = unwrapped([two[0], other], height=64, beside=False)
     assert found.turn is not None
     assert math.degrees(float(rotation_vector(found.turn.rotation @ turn.T).norm())) < 0.2
     assert found.turn.gain == 1
@@ -207,7 +209,7 @@ def test_cameras_may_stand_anywhere(two, vector):
 
 def test_another_exposure_is_found_and_scaled(two):
     brighter = MirrorPhotograph(2 * two[1].image, OTHER)
-    found = unwrapped([two[0], brighter], height=64)
+    found = unwrapped([two[0], brighter], height=64, beside=False)
     assert found.turn is not None
     assert found.turn.gain == pytest.approx(2, rel=0.03)
 

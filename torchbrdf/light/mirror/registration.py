@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import degrees, pi, sqrt
 
 import numpy as np
@@ -121,10 +122,14 @@ class _Pair:
 
     def values(self, turns: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Of the first (N,), of the second under rotations (T, 3, 3), (T, N), and how sharply both are seen (T, N)."""
-        seen = bilinear(self.first, self.directions)
+        values, sharpness = self._of_first
         other = bilinear(self.second, self.directions @ turns.to(self.directions))
-        both = seen[:, 1] * other[..., 1]
-        return seen[:, 0] / seen[:, 1].clamp_min(1e-3), other[..., 0] / other[..., 1].clamp_min(1e-3), both
+        return values, other[..., 0] / other[..., 1].clamp_min(1e-3), sharpness * other[..., 1]
+
+    @cached_property
+    def _of_first(self) -> tuple[Tensor, Tensor]:
+        seen = bilinear(self.first, self.directions)
+        return seen[:, 0] / seen[:, 1].clamp_min(1e-3), seen[:, 1]
 
     def correlation(self, turns: Tensor) -> Tensor:
         """(T,): weighted by how sharply both are seen."""

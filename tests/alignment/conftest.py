@@ -1,0 +1,29 @@
+"""The harmonic transport that is good enough to find rotations."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from coarse_grids import QUARTER_GRID
+from torchbrdf.brdf.library import MaterialLibrary
+from torchbrdf.lasting import LastFew
+from torchbrdf.transport.harmonic.cache import transport_of
+
+
+@pytest.fixture(scope="module")
+def quarter_grid() -> Iterator[None]:
+    """QUARTER_GRID in the place of the grid at work; what is in memory of the same library on another stays apart."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in QUARTER_GRID.items():
+            patch.setattr(name, value)
+        patch.setattr("torchbrdf.transport.harmonic.cache._in_memory", LastFew(4))
+        yield
+
+
+@pytest.fixture(scope="module")
+def quarter_library(own_cache: Path, precomputed_directory: Path, quarter_grid: None) -> MaterialLibrary:
+    """`precomputed_library` on QUARTER_GRID: for modules that use no other."""
+    library = MaterialLibrary.from_merl(precomputed_directory, progress=False)
+    transport_of(library)
+    return library
