@@ -47,7 +47,7 @@ class BRDFDifference:
         lit = bool(target[mask.expand(target.shape)].any())
         black = 0.0 if not bool(image[mask.expand(image.shape)].any()) else inf
         return cls(
-            {metric: cell_difference(table, reference, metric) for metric in METRICS},
+            _cell_differences(table, reference, tuple(METRICS)),
             measured_share(table.valid.cpu() & reference.valid.cpu()),
             relative_rms(image, target, mask) if lit else black,
             float(colours.mean()),
@@ -66,15 +66,22 @@ def cell_difference(table: MerlTable, reference: MerlTable, metric: str) -> floa
     """
     if metric not in METRICS:
         raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
+    return _cell_differences(table, reference, (metric,))[metric]
+
+
+def _cell_differences(table: MerlTable, reference: MerlTable, metrics: tuple[str, ...]) -> dict[str, float]:
+    """`cell_difference` in some metrics."""
     common = table.valid.cpu() & reference.valid.cpu()
     if not common.any():
         raise ValueError(f"{table.name} and {reference.name}: no cell was measured in both, so nothing can be compared")
     cosine, measure = incident_cosine()[common][:, None], cell_measure()[common]
-    mapped = [METRICS[metric](t.values.cpu()[common].double().clamp_min(0) * cosine) for t in (table, reference)]
-    squares = [float((part.square().sum(1) * measure).sum()) for part in (mapped[0] - mapped[1], mapped[1])]
-    if squares[1] == 0:
-        return 0.0 if squares[0] == 0 else inf
-    return (squares[0] / squares[1]) ** 0.5
+    weighted = [t.values.cpu()[common].double().clamp_min(0) * cosine for t in (table, reference)]
+    found = {}
+    for metric in metrics:
+        one, other = map(METRICS[metric], weighted)
+        off, size = (float((part.square().sum(1) * measure).sum()) for part in (one - other, other))
+        found[metric] = (off / size) ** 0.5 if size else inf if off else 0.0
+    return found
 
 
 def delta_e_2000(image: Tensor, reference: Tensor, exposure: float = 1.0) -> Tensor:
