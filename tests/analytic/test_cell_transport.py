@@ -9,6 +9,7 @@ from bsdf_cases import interior, numbers
 from torchbrdf.analytic.catalogue import MODELS
 from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
+from torchbrdf.rendering.tables import render_tables
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +41,25 @@ CASES = {
 }
 
 
+@pytest.fixture(scope="module")
+def tables() -> dict[str, tb.MerlTable]:
+    return {case: table_of(model, parameters) for case, (model, parameters) in CASES.items()}
+
+
+@pytest.fixture(scope="module")
+def rendered(tables: dict[str, tb.MerlTable], transport: CellTransport, probe: tb.LightProbe) -> dict[str, Tensor]:
+    """By the renderer of tables."""
+    images = render_tables(list(tables.values()), probe, transport.view, samples=16384, seed=1)
+    return {case: transport.view.pack(image).T for case, image in zip(tables, images, strict=True)}
+
+
 @pytest.mark.parametrize("case", CASES)
-def test_renders_as_render(transport: CellTransport, probe: tb.LightProbe, case: str):
+def test_renders_as_render(
+    transport: CellTransport, tables: dict[str, tb.MerlTable], rendered: dict[str, Tensor], case: str
+):
     """Of the model at the geometry, and of a table looked up at the cells."""
     model, parameters = CASES[case]
-    table = table_of(model, parameters)
-    wanted = transport.view.pack(tb.render(table, probe, transport.view, samples=16384, seed=1)).T
+    table, wanted = tables[case], rendered[case]
     for f_r in (MODELS[model].evaluate(parameters, transport.geometry), transport.values(table)):
         shown = transport.render(f_r)
         assert shown.shape == wanted.shape == (len(transport.view.pixels), 3)
@@ -123,10 +137,10 @@ def test_second_derivatives(small: CellTransport):
     torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-5)
 
 
-def test_cells_are_where_the_geometry_is(transport: CellTransport):
+def test_cells_are_where_the_geometry_is(transport: CellTransport, tables: dict[str, tb.MerlTable]):
     """A smooth table looked up at the cells is the model at the geometry, nearly."""
     model, parameters = CASES["glossy"]
-    looked_up = transport.values(table_of(model, parameters)).float()
+    looked_up = transport.values(tables["glossy"]).float()
     exact = MODELS[model].evaluate(parameters, transport.geometry).float()
     assert float((looked_up - exact).norm() / exact.norm()) < 0.02
     assert bool(transport.geometry.above.all())

@@ -2,8 +2,9 @@
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from math import cos, pi, radians
 
 import numpy as np
@@ -13,6 +14,7 @@ from torch import Tensor
 
 import torchbrdf as tb
 from bsdf_cases import direction_pairs, interior, numbers
+from torchbrdf.analytic import table_fit
 from torchbrdf.analytic._least_squares import Progress, best_of, minimise
 from torchbrdf.analytic.catalogue import MODELS
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
@@ -24,26 +26,51 @@ from torchbrdf.brdf.merl import GRID, above_horizon, cell_centres
 from torchbrdf.brdf.metrics import METRICS, cell_measure
 from torchbrdf.rendering.tables import render_tables
 
-COARSE = (2, 9, 22)
+COARSE = (2, 18, 22)
 """Every so many cells of theta_h, theta_d and phi_d."""
+
+STEPS = table_fit._STEPS
 
 WARD = numbers(diffuse=(0.3, 0.2, 0.1), specular=(0.05, 0.2, 0.4), roughness=0.15)
 GGX = numbers(diffuse=(0.3, 0.2, 0.1), specular=(0.05, 0.04, 0.06), roughness=0.12)
 NEAR_GGX = numbers(diffuse=(0.25, 0.25, 0.15), specular=(0.06, 0.06, 0.06), roughness=0.2)
 
 
-def planted(model: str, parameters: Mapping[str, Tensor]) -> tb.MerlTable:
-    """The table of a model."""
-    return AnalyticFit(model, dict(parameters), "l2", 0, True, 0, 0, 0, name=model).table
+@pytest.fixture(scope="module", autouse=True)
+def few_cells() -> Iterator[None]:
+    """A fit looks at a third of its cells, which is enough to tell two fits apart."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(table_fit, "_STEPS", (1, 9, 22))
+        yield
+
+
+@pytest.fixture
+def its_own_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit looks at the cells that it looks at."""
+    monkeypatch.setattr(table_fit, "_STEPS", STEPS)
 
 
 @pytest.fixture(scope="module")
-def ward() -> tb.MerlTable:
+def planted() -> Callable[[str, Mapping[str, Tensor]], tb.MerlTable]:
+    """The table of a model."""
+    valid = above_horizon()
+    geometry = ShadingGeometry.of_angles(*(angle.expand(GRID)[valid] for angle in cell_centres()))
+
+    def make(model: str, parameters: Mapping[str, Tensor]) -> tb.MerlTable:
+        values = torch.zeros(*GRID, 3, dtype=torch.float64)
+        values[valid] = MODELS[model].evaluate(parameters, geometry)
+        return tb.MerlTable(values, valid, f"{model} of {model}")
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def ward(planted) -> tb.MerlTable:
     return planted("ward", WARD)
 
 
 @pytest.fixture(scope="module")
-def ggx() -> tb.MerlTable:
+def ggx(planted) -> tb.MerlTable:
     return planted("ggx", GGX)
 
 
@@ -89,7 +116,8 @@ def test_every_model_comes_back_in_every_metric(model: str, metric: str):
 @pytest.mark.parametrize(
     ("model", "metric"), [("ggx", "cube-root"), ("ward", "l2"), ("oren-nayar", "log"), ("rough-conductor", "cube-root")]
 )
-def test_planted_parameters_come_back(model: str, metric: str):
+@pytest.mark.usefixtures("its_own_cells")
+def test_planted_parameters_come_back(planted, model: str, metric: str):
     """The whole way."""
     truth = {"ggx": GGX, "ward": WARD}.get(model, interior(model))
     fit = fit_analytic(planted(model, truth), model, metric)
@@ -103,10 +131,16 @@ def test_planted_parameters_come_back(model: str, metric: str):
     assert all(value.dtype == torch.float64 for value in fit.parameters.values())
 
 
-def test_plastic_comes_back_from_nearby():
+def test_plastic_comes_back_from_nearby(monkeypatch: pytest.MonkeyPatch):
+    """A table of the cells that the fit looks at, and the error over these: each takes long."""
+    monkeypatch.setattr(table_fit, "_ALL", table_fit._STEPS)
     truth = numbers(diffuse=(0.5, 0.3, 0.1), specular=(1.0, 0.9, 0.8), eta=1.5, roughness=0.2)
     start = {**truth, "roughness": torch.tensor([0.25]), "diffuse": torch.tensor([0.3])}
-    fit = fit_analytic(planted("rough-plastic", truth), "rough-plastic", start=start, most_evaluations=12)
+    cells = fit_cells(table_fit._STEPS, 80.0, torch.float64)
+    values, valid = torch.zeros(*GRID, 3, dtype=torch.float64), torch.zeros(GRID, dtype=torch.bool)
+    values.view(-1, 3)[cells.index] = MODELS["rough-plastic"].evaluate(truth, cells.geometry)
+    valid.view(-1)[cells.index] = True
+    fit = fit_analytic(tb.MerlTable(values, valid), "rough-plastic", start=start, most_evaluations=12)
     assert fit.error < 1e-3
     assert_parameters(fit, truth, 1e-2)
 
@@ -139,11 +173,12 @@ def test_error_is_that_of_the_whole_grid(ward: tb.MerlTable, metric: str):
 
 
 def test_no_nearby_parameters_are_better(ward: tb.MerlTable, misfit: AnalyticFit):
-    """In the error over all cells, which the fit saw a sixtieth of: within what that costs."""
+    """In the error over all cells, of which the fit saw few: within what that costs."""
+    everywhere = TableResiduals.of_table(ward, fit_cells((1, 1, 1), 80.0, torch.float32), "cube-root")
     for name, value in misfit.parameters.items():
         for factor in (0.95, 1.05):
-            moved = replace(misfit, parameters={**misfit.parameters, name: value * factor})
-            assert brute_force(moved, ward, "cube-root") > misfit.error * (1 - 1e-4), (name, factor)
+            moved = MODELS["ggx"].evaluate({**misfit.parameters, name: value * factor}, everywhere.geometry)
+            assert everywhere.error(moved) > misfit.error * (1 - 1e-4), (name, factor)
 
 
 def test_history_falls_to_the_loss(misfit: AnalyticFit):
@@ -177,7 +212,7 @@ def test_twice_the_table_is_twice_the_colours(ward: tb.MerlTable):
     assert twice.error == pytest.approx(once.error, rel=1e-3)
 
 
-def test_separate_channels_are_as_if_alone():
+def test_separate_channels_are_as_if_alone(planted):
     """Three roughnesses; each channel's parameters are those of a grey table of it."""
     rough = {**GGX, "roughness": torch.tensor([0.1, 0.2, 0.4], dtype=torch.float64)}
     table = planted("ggx", rough)
@@ -194,17 +229,19 @@ def test_holes_say_nothing(ggx: tb.MerlTable):
     valid = ggx.valid.clone()
     valid[:, 20:50] = False
     share = 1 - float(valid.sum() / ggx.valid.sum())
-    fits = []
-    for garbage in (float("nan"), float("inf"), -7.0, 1e9):
-        values = torch.where(valid[..., None], ggx.values, garbage)
-        fits.append(fit_analytic(tb.MerlTable(values, valid), "ggx", start=NEAR_GGX, uncertainty=values.abs()))
-    assert all(same(fits[0], fit) for fit in fits[1:])
-    assert_parameters(fits[0], GGX)
-    assert fits[0].warnings == (
+    garbage = torch.tensor([float("nan"), float("inf"), -7.0, 1e9]).double().repeat(GRID[2] // 4)[:, None]
+    clean, dirty = (
+        fit_analytic(tb.MerlTable(values, valid), "ggx", start=NEAR_GGX, uncertainty=values.abs())
+        for values in (ggx.values, torch.where(valid[..., None], ggx.values, garbage))
+    )
+    assert same(clean, dirty)
+    assert_parameters(clean, GGX)
+    assert clean.warnings == (
         f"{share:.0%} of the cells above the horizon were not measured; the fit extrapolates there",
     )
 
 
+@pytest.mark.usefixtures("its_own_cells")
 @pytest.mark.parametrize("along", ["theta_h", "theta_d"])
 def test_holes_where_the_fit_would_look(ggx: tb.MerlTable, along: str):
     valid = torch.zeros_like(ggx.valid)
@@ -322,7 +359,7 @@ def test_parameters_at_their_bounds_are_said():
     assert fit.converged
 
 
-def test_no_highlight_is_at_a_bound():
+def test_no_highlight_is_at_a_bound(planted):
     matte = planted("lambert", numbers(diffuse=(0.6, 0.3, 0.1)))
     fit = fit_analytic(matte, "ward")
     torch.testing.assert_close(fit.parameters["diffuse"], torch.tensor([0.6, 0.3, 0.1]).double(), rtol=1e-3, atol=0)
@@ -349,8 +386,10 @@ def test_grey_levels_of_the_darkest_material(ggx: tb.MerlTable):
     )
 
 
-def test_image_metric_takes_the_best_by_a_rendering(ward: tb.MerlTable):
+def test_image_metric_takes_the_best_by_a_rendering(ward: tb.MerlTable, monkeypatch: pytest.MonkeyPatch):
     """And says which it was."""
+    monkeypatch.setattr(table_fit, "_JUDGE_SIZE", 20)
+    monkeypatch.setattr(table_fit, "_judge", lru_cache(table_fit._judge.__wrapped__))
     fits = [fit_analytic(ward, "ggx", metric, start=NEAR_GGX) for metric in METRICS]
     chosen = fit_analytic(ward, "ggx", "image", start=NEAR_GGX)
     probe, view = tb.LightProbe.default(64), tb.SphereView(20)
@@ -461,9 +500,10 @@ def test_reconstructions(tiny_library: tb.MaterialLibrary, reconstruction: tb.Re
     table, std = reconstruction.brdf(tiny_library), reconstruction.brdf_std(tiny_library)
     own = fit_analytic(reconstruction, "ggx", library=tiny_library, start=NEAR_GGX)
     assert_parameters(own, fit_analytic(table, "ggx", uncertainty=std, start=NEAR_GGX).parameters, 1e-2)
-    assert not same(own, fit_analytic(table, "ggx", start=NEAR_GGX))
+    unweighted = fit_analytic(table, "ggx", start=NEAR_GGX)
+    assert not same(own, unweighted)
     given = fit_analytic(reconstruction, "ggx", library=tiny_library, uncertainty=0 * std, start=NEAR_GGX)
-    assert same(given, fit_analytic(table, "ggx", start=NEAR_GGX))
+    assert same(given, unweighted)
     certain = fit_analytic(replace(reconstruction, posteriors=None), "ggx", library=tiny_library, start=NEAR_GGX)
     assert same(certain, given)
 

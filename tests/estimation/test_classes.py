@@ -306,12 +306,13 @@ class TestDegenerate:
 
     def test_duplicates_stay_together(self, tiny_tables: dict[str, MerlTable]):
         """The same material twice under two names belongs to the same class twice."""
-        twice = [MerlTable(t.values, t.valid, t.name + suffix) for t in tiny_tables.values() for suffix in ("", "-b")]
+        some = list(tiny_tables.values())[1::2]
+        twice = [MerlTable(t.values, t.valid, t.name + suffix) for t in some for suffix in ("", "-b")]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             classes = MaterialClasses.fit(MaterialLibrary.from_tables(twice))
         assert_sound(classes)
-        pairs = classes.labels.reshape(10, 2, 3)
+        pairs = classes.labels.reshape(5, 2, 3)
         assert torch.equal(pairs[:, 0], pairs[:, 1])
 
     @pytest.mark.parametrize("count", [1, 2])
@@ -321,9 +322,9 @@ class TestDegenerate:
         assert classes.sizes == [3 * count]
         assert_sound(classes)
 
-    def test_black_materials_among_others(self, tiny_tables: dict[str, MerlTable]):
-        black = [MerlTable(t.values * 0, t.valid, f"black-{i}") for i, t in enumerate(list(tiny_tables.values())[:3])]
-        library = MaterialLibrary.from_tables([*tiny_tables.values(), *black])
+    def test_black_materials_among_others(self, tiny_library: MaterialLibrary):
+        lit = torch.arange(30) >= 9
+        library = MaterialLibrary._whole(replace(tiny_library.stored, gram=tiny_library.gram * lit * lit[:, None]))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             classes = MaterialClasses.fit(library)

@@ -65,7 +65,7 @@ def posterior(
     return torch.linalg.solve(precision, projected[..., None])[..., 0], precision
 
 
-@pytest.mark.parametrize("batch", [(), (4,), (2, 2)])
+@pytest.mark.parametrize("batch", [(), (2, 2)])
 def test_each_photograph_and_channel_by_itself(
     tiny_library: MaterialLibrary, constrained: tuple[str, Bounds], batch: tuple[int, ...]
 ):
@@ -135,11 +135,11 @@ def test_lobes_agree_with_scipy(tiny_library: MaterialLibrary, lobes: LobeBounds
         assert relative(found[s], scipy_above(mean[s], precision[s], rows, torch.zeros(len(rows)).double())) < 1e-6
 
 
-def test_energy_on_ten_materials_of_the_default_library(default_library: MaterialLibrary):
+def test_energy_on_six_materials_of_the_default_library(default_library: MaterialLibrary):
     """All cells of the table before it is clamped."""
-    library = default_library.subset(default_library.names[::10])
+    library = default_library.subset(default_library.names[5::20])
     bounds = EnergyBounds.of(library)
-    mean, precision = posterior(library, seed=3)
+    mean, precision = posterior(library, seed=5)
     usable = above_horizon().ravel()
 
     def deepest(weights: Tensor) -> Tensor:

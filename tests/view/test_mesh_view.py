@@ -37,8 +37,8 @@ def save(mesh, path, normals=True):
 
 @pytest.fixture(scope="module")
 def sphere_file(tmp_path_factory):
-    """A unit sphere of 81,920 triangles with exact normals."""
-    mesh = trimesh.creation.icosphere(subdivisions=6)
+    """A unit sphere of 20,480 triangles with exact normals."""
+    mesh = trimesh.creation.icosphere(subdivisions=5)
     points = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
     mesh = trimesh.Trimesh(points, mesh.faces, vertex_normals=points, process=False)
     return save(mesh, tmp_path_factory.mktemp("mesh") / "sphere.ply")

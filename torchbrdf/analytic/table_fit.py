@@ -228,11 +228,11 @@ def starting_points(variables: FitVariables, start: Start | None) -> tuple[np.nd
 
 def table_warnings(table: MerlTable) -> tuple[str, ...]:
     """What a fit of a table should say about it. Raises ValueError where it is zero everywhere."""
-    measured = table.values.detach()[table.valid]
-    if not bool((measured > 0).any()):
+    red, green, blue = table.values.detach().unbind(-1)
+    if not bool((((red > 0) | (green > 0) | (blue > 0)) & table.valid).any()):
         raise ValueError(f"{table.name}: f_r is zero in every measured cell; there is nothing to fit")
     found = []
-    negative = int((measured < 0).any(-1).sum())
+    negative = int((((red < 0) | (green < 0) | (blue < 0)) & table.valid).sum())
     if negative:
         found.append(f"{negative} measured cells are negative and were taken as 0")
     missing = 1 - table.measured_share

@@ -150,10 +150,10 @@ def fill(columns: Tensor, valid: Tensor, materials: Sequence[int], mapping: mmap
     for some in alike.values():
         measured = shared_cells(valid[some[:1]])
         holes = torch.nonzero(~measured).ravel()
-        source, which = nearest_measured(measured)[holes], columns_of(some)
+        source, which = nearest_measured(measured)[holes], _run(some)
         for cells, nearest in zip(holes.split(ROW_CELLS), source.split(ROW_CELLS), strict=True):
-            if len(which) == columns.shape[1]:
-                columns[cells] = columns[nearest]
+            if isinstance(which, slice):
+                columns[:, which][cells] = columns[:, which][nearest]
             else:
                 columns[cells[:, None], which] = columns[nearest[:, None], which]
             release(mapping)

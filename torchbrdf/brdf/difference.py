@@ -46,9 +46,8 @@ class BRDFDifference:
         colours = delta_e_2000(image, target, exposure)[mask[0]]
         lit = bool(target[mask.expand(target.shape)].any())
         black = 0.0 if not bool(image[mask.expand(image.shape)].any()) else inf
-        both = _Common.of(table, reference)
         return cls(
-            {metric: both.difference(metric) for metric in METRICS},
+            _cell_differences(table, reference, tuple(METRICS)),
             measured_share(table.valid.cpu() & reference.valid.cpu()),
             relative_rms(image, target, mask) if lit else black,
             float(colours.mean()),
@@ -67,36 +66,22 @@ def cell_difference(table: MerlTable, reference: MerlTable, metric: str) -> floa
     """
     if metric not in METRICS:
         raise ValueError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
-    return _Common.of(table, reference).difference(metric)
+    return _cell_differences(table, reference, (metric,))[metric]
 
 
-@dataclass(frozen=True)
-class _Common:
-    """Of the cells measured in both tables: f cos theta_i (C, 3) float64 of each, and dw_i dw_o (C,)."""
-
-    values: Tensor
-    reference: Tensor
-    measure: Tensor
-
-    @classmethod
-    def of(cls, table: MerlTable, reference: MerlTable) -> "_Common":
-        """Raises ValueError where no cell is common."""
-        common = table.valid.cpu() & reference.valid.cpu()
-        if not common.any():
-            raise ValueError(
-                f"{table.name} and {reference.name}: no cell was measured in both, so nothing can be compared"
-            )
-        cosine = incident_cosine()[common][:, None]
-        one, other = (t.values.cpu()[common].double().clamp_min(0) * cosine for t in (table, reference))
-        return cls(one, other, cell_measure()[common])
-
-    def difference(self, metric: str) -> float:
-        """See `cell_difference`."""
-        mapped = [METRICS[metric](part) for part in (self.values, self.reference)]
-        squares = [float((part.square().sum(1) * self.measure).sum()) for part in (mapped[0] - mapped[1], mapped[1])]
-        if squares[1] == 0:
-            return 0.0 if squares[0] == 0 else inf
-        return (squares[0] / squares[1]) ** 0.5
+def _cell_differences(table: MerlTable, reference: MerlTable, metrics: tuple[str, ...]) -> dict[str, float]:
+    """`cell_difference` in some metrics."""
+    common = table.valid.cpu() & reference.valid.cpu()
+    if not common.any():
+        raise ValueError(f"{table.name} and {reference.name}: no cell was measured in both, so nothing can be compared")
+    cosine, measure = incident_cosine()[common][:, None], cell_measure()[common]
+    weighted = [t.values.cpu()[common].double().clamp_min(0) * cosine for t in (table, reference)]
+    found = {}
+    for metric in metrics:
+        one, other = map(METRICS[metric], weighted)
+        off, size = (float((part.square().sum(1) * measure).sum()) for part in (one - other, other))
+        found[metric] = (off / size) ** 0.5 if size else inf if off else 0.0
+    return found
 
 
 def delta_e_2000(image: Tensor, reference: Tensor, exposure: float = 1.0) -> Tensor:
