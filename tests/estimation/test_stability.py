@@ -528,12 +528,12 @@ class TestRepeatedCalls:
     def smallest(self) -> tuple[BRDFEstimator, Tensor, Tensor]:
         case = TestGradients.tiny("ordinary")
         images = case.image + torch.arange(10).view(10, 1, 1, 1) / 100
-        masks = torch.rand(1_250, 1, 1, images.shape[-1], generator=torch.Generator().manual_seed(0)) < 0.8
+        masks = torch.rand(5_000, 1, 1, images.shape[-1], generator=torch.Generator().manual_seed(0)) < 0.8
         estimator = BRDFEstimator(case.basis, classes_of((0,) * 6))
         return estimator, images, masks
 
     @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="reads /proc/self/statm, needs glibc's malloc_trim")
-    def test_a_thousand_calls_need_no_more_memory(self, smallest):
+    def test_thousands_of_calls_need_no_more_memory(self, smallest):
         """Every fifth with another mask, every tenth with a gradient. 128 bytes a call would show."""
         estimator, images, masks = smallest
 
@@ -545,18 +545,18 @@ class TestRepeatedCalls:
             else:
                 estimator(image, masks[i] if i % 5 == 1 else None)
 
-        for i in range(250):
+        for i in range(500):
             call(i)
         before = resident()
-        for i in range(250, 1_250):
+        for i in range(500, 2_500):
             call(i)
-        assert resident() - before < 1.25e5
+        assert resident() - before < 2.5e5
 
     def test_no_python_object_stays(self, smallest):
         estimator, images, masks = smallest
 
         def calls() -> None:
-            for i in range(50):
+            for i in range(100):
                 estimator(images[i % 10], masks[i] if i % 2 else None)
             gc.collect()
 
@@ -568,7 +568,7 @@ class TestRepeatedCalls:
         calls()
         after, _ = tracemalloc.get_traced_memory()
         tracemalloc.stop()
-        assert after - before < 5_000
+        assert after - before < 10_000
 
 
 class TestTransforms:
