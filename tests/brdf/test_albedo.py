@@ -33,6 +33,7 @@ def test_of_many_columns_it_is_that_of_each_table(tiny_tables: dict[str, MerlTab
 def test_too_much_says_how_much_from_where():
     albedo = torch.tensor([[0.5, 0.9], [0.1, 1.5], [1.6, 0.3], [1.2, 1.1]])
     assert reflects_too_much(albedo) == "reflects 1.60 times the light that comes in at 60°"
+    assert reflects_too_much(albedo.double() * 1e200) == "reflects 1.6e+200 times the light that comes in at 60°"
 
 
 @pytest.mark.parametrize(("albedo", "much"), [(1.01, 1.02), (1.5, 2.0)])

@@ -13,7 +13,8 @@ from torch import Tensor
 from bsdf_cases import bsdf_f_r, direction_pairs
 from torchbrdf.brdf._tensor_file import TensorFile, write_tensor_file
 from torchbrdf.brdf.difference import cell_difference
-from torchbrdf.brdf.merl import MerlTable, above_horizon
+from torchbrdf.brdf.directions import from_half_difference
+from torchbrdf.brdf.merl import MerlTable, above_horizon, cell_centres
 from torchbrdf.brdf.rgl import WHAT, RGLMaterial
 from torchbrdf.brdf.spectra import SPECTRAL_NODES, basis_spectra, to_rec709
 from torchbrdf.brdf.tables import read_table
@@ -142,6 +143,18 @@ class TestTables:
         back = read_table(tmp_path / "x.bsdf")
         assert cell_difference(back, glossy, "l2") < 0.01
         assert float((back.valid & few_cells).sum()) > 0.95 * float(few_cells.sum())
+
+    def test_cells_hold_the_mean_of_both_ways(self, written):
+        """Of a material that reflects from left to right unlike from right to left; far from grazing."""
+        path = written()
+        material, table = RGLMaterial.open(path), MerlTable.from_bsdf(path)
+        directions = from_half_difference(*cell_centres())
+        steep = table.valid & (torch.stack(directions)[..., 2] > 0.4).all(0)
+        steep[:20] = False  # cells that are cut into parts
+        w_i, w_o = (each[steep].float() for each in directions)
+        one, other, expected = evaluated(material, w_i, w_o), evaluated(material, w_o, w_i), table.values[steep]
+        assert float(((one + other) / 2 - expected).norm() / expected.norm()) < 0.01
+        assert float((one - expected).norm() / expected.norm()) > 0.1
 
     def test_written_files_open_in_mitsuba(self, tmp_path: Path, glossy: MerlTable):
         glossy.save(tmp_path / "x.bsdf")

@@ -51,7 +51,8 @@ def reflects_too_much(albedo: Tensor, much: float = MUCH_ALBEDO) -> str | None:
     if not albedo.max() > much:
         return None
     worst = int(albedo.reshape(len(ALBEDO_DEG), -1).amax(1).argmax())
-    return f"reflects {float(albedo.max()):.2f} times the light that comes in at {ALBEDO_DEG[worst]}°"
+    most = float(albedo.max())
+    return f"reflects {most:{'.2f' if most < 1000 else '.1e'}} times the light that comes in at {ALBEDO_DEG[worst]}°"
 
 
 def albedo_rule(view_angle: float, steps_h: int = 3, steps_phi: int = 360) -> tuple[Tensor, Tensor]:
