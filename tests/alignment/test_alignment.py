@@ -263,6 +263,15 @@ class TestUntold:
         assert not replace(found, covariance=0.99 * spread, converged=False).confident
         assert replace(found, covariance=spread).uncertainty == pytest.approx(1)
 
+    def test_a_search_that_did_not_end_is_told(
+        self, aligned: Callable[..., Alignment], photographs: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        climb = RotationSearch.climb
+        monkeypatch.setattr(RotationSearch, "climb", lambda *start: replace(climb(*start), converged=False))
+        found = aligned(photographs["paint"], ROOM)
+        assert not found.converged
+        assert not found.confident
+
 
 class TestFullSearch:
     """Turns about the vertical by any angle."""

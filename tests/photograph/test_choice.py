@@ -102,9 +102,17 @@ def test_an_ellipse_without_a_camera_or_with_another():
     assert off(locate(image, PinholeCamera.of_fov(SIZE, 45))[0], ball) < 0.15
 
 
-@pytest.mark.parametrize(("given", "seen"), [(LARGE, False), (Circle(100.0, 60.0, 40.0), True)])
-def test_another_ball_than_is_given(given, seen):
-    assert (another(photographed(SIZE, [LARGE]), given) is not None) is seen
+@pytest.mark.parametrize("given", [Circle(100.0, 60.0, 40.0), Circle(80.0, 72.6, 20.0), Circle(84.0, 72.6, 38.4)])
+def test_another_ball_than_is_given(given):
+    """Aside, around or inside; as given it is not."""
+    found = another(photographed(SIZE, [LARGE]), given)
+    assert found is not None
+    assert off(found.silhouette, LARGE) < 0.15
+
+
+def test_no_other_ball_is_looked_for_where_one_is_as_given(monkeypatch):
+    monkeypatch.setattr(choice, "find_balls", None)
+    assert another(photographed(SIZE, [SMALL, LARGE]), LARGE) is None
 
 
 def test_a_round_outline_far_off_the_axis_is_not_by_a_wide_camera():
