@@ -1,5 +1,11 @@
 """Grids of the harmonic transport that take less time: values by the names of what they replace."""
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
 from torchbrdf.transport.harmonic.light import TurningLight
 
 HALF_GRID = {
@@ -24,3 +30,12 @@ COARSE = {
     "torchbrdf.brdf.norms._SAMPLES": 1 << 12,
 }
 """Good for nothing but to see what is computed, and when."""
+
+
+@contextmanager
+def computed_on(grid: Mapping[str, Any]) -> Iterator[pytest.MonkeyPatch]:
+    """With one of these grids in the place of the grid at work; what else is patched goes with it."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in grid.items():
+            patch.setattr(name, value)
+        yield patch

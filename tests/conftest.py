@@ -203,11 +203,9 @@ def precomputed_directory(tiny_tables: dict[str, MerlTable], tmp_path_factory: p
 @pytest.fixture(scope="module")
 def half_grid() -> Iterator[None]:
     """HALF_GRID in the place of the grid at work, which tests/transport/harmonic/test_basis.py is about."""
-    from coarse_grids import HALF_GRID
+    from coarse_grids import HALF_GRID, computed_on
 
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in HALF_GRID.items():
-            patch.setattr(name, value)
+    with computed_on(HALF_GRID):
         yield
 
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
-from coarse_grids import COARSE
+from coarse_grids import COARSE, computed_on
 from paths import ROOT
 from torchbrdf.alignment import LearnedRotation
 from torchbrdf.lasting import without_autocast
@@ -146,21 +146,12 @@ AROUND = [
 ]
 
 
-@contextmanager
-def coarsely() -> Iterator[None]:
-    """Compute as finely as it takes to see whether two pictures are the same."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in COARSE.items():
-            patch.setattr(name, value)
-        yield
-
-
 @pytest.fixture(scope="module")
 def capture(tiny_tables: dict[str, tb.MerlTable], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Capture]:
     folder = tmp_path_factory.mktemp("materials")
     for name in ("red", "satin-0.35", "gold-0.3", "steel-0.15"):
         tiny_tables[name].save(folder / f"{name}.binary")
-    with coarsely():
+    with computed_on(COARSE):  # which is fine enough to see whether two pictures are the same
         made = Capture(folder)
         assert torch.isfinite(made.result.weights).all()
         yield made
@@ -186,8 +177,8 @@ def float64_first(capture: Capture, tmp_path_factory: pytest.TempPathFactory) ->
     code = """
         import pathlib, sys, torch
         torch.set_default_dtype(torch.float64)
-        import test_precision
-        with test_precision.coarsely():
+        import coarse_grids, test_precision
+        with coarse_grids.computed_on(coarse_grids.COARSE):
             capture = test_precision.Capture(pathlib.Path(sys.argv[1]))
             found = {name: call(capture).detach() for name, call in test_precision.CALLS.items()}
         torch.save(found, sys.argv[2])

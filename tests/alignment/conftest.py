@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from coarse_grids import QUARTER_GRID
+from coarse_grids import QUARTER_GRID, computed_on
 from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.lasting import LastFew
 from torchbrdf.transport.harmonic.cache import transport_of
@@ -14,9 +14,7 @@ from torchbrdf.transport.harmonic.cache import transport_of
 @pytest.fixture(scope="module")
 def quarter_grid() -> Iterator[None]:
     """QUARTER_GRID in the place of the grid at work; what is in memory of the same library on another stays apart."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in QUARTER_GRID.items():
-            patch.setattr(name, value)
+    with computed_on(QUARTER_GRID) as patch:
         patch.setattr("torchbrdf.transport.harmonic.cache._in_memory", LastFew(4))
         yield
 

@@ -104,7 +104,7 @@ def test_an_ellipse_without_a_camera_or_with_another():
 
 @pytest.mark.parametrize("given", [Circle(100.0, 60.0, 40.0), Circle(80.0, 72.6, 20.0), Circle(84.0, 72.6, 38.4)])
 def test_another_ball_than_is_given(given):
-    """Aside, around or inside; as given it is not."""
+    """Given aside, inside, and a tenth of the radius off."""
     found = another(photographed(SIZE, [LARGE]), given)
     assert found is not None
     assert off(found.silhouette, LARGE) < 0.15

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import torchbrdf as tb
-from coarse_grids import COARSE
+from coarse_grids import COARSE, computed_on
 from paper.rotation import results as rotation_results
 from torchbrdf.lasting import LastFew
 from torchbrdf.transport.harmonic import cache as harmonic_cache
@@ -135,9 +135,7 @@ class TestMethods:
 @pytest.fixture(scope="class")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A grid of the harmonic transport that is built in a moment, an empty cache and nothing in memory."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in COARSE.items():
-            patch.setattr(name, value)
+    with computed_on(COARSE) as patch:
         patch.setenv("TORCHBRDF_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(harmonic_cache, "_in_memory", LastFew(2))
         yield

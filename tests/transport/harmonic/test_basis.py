@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from coarse_grids import HALF_GRID
+from coarse_grids import HALF_GRID, computed_on
 from materials import TINY_MATERIALS, lambert
 from probes import lamps, probe_of, relative
 from torchbrdf.brdf.directions import half_difference
@@ -44,9 +44,7 @@ def library() -> MaterialLibrary:
     """Matte, glossy, close to a mirror, and two mirror images of each other; precomputed on first use."""
     functions = {"matte": lambert(*ALBEDO), "swirl": swirl(1), "counter": swirl(-1)}
     functions |= {name: TINY_MATERIALS[name] for name in ("satin-0.35", "copper-0.08")}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in HALF_GRID.items():
-            patch.setattr(name, value)
+    with computed_on(HALF_GRID):
         yield MaterialLibrary.from_tables([MerlTable.from_function(f_r, name) for name, f_r in functions.items()])
 
 

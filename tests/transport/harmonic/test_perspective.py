@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from coarse_grids import QUARTER_GRID
+from coarse_grids import QUARTER_GRID, computed_on
 from materials import lambert
 from probes import lamps, probe_of, relative
 from torchbrdf.brdf.directions import half_difference
@@ -44,9 +44,7 @@ def plastic(w_i: Tensor, w_o: Tensor) -> Tensor:
 @pytest.fixture(scope="module")
 def library() -> MaterialLibrary:
     """Matte and plastic; precomputed on first use."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in QUARTER_GRID.items():
-            patch.setattr(name, value)
+    with computed_on(QUARTER_GRID):
         functions = {"matte": lambert(*ALBEDO), "plastic": plastic}
         yield MaterialLibrary.from_tables([MerlTable.from_function(f_r, name) for name, f_r in functions.items()])
 
