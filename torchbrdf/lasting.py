@@ -90,7 +90,7 @@ def _checksum(key: str, tensors: dict[str, Tensor]) -> str:
     digest = hashlib.sha256(key.encode())
     for name, tensor in tensors.items():
         digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(tensor.numpy().tobytes())
+        digest.update(tensor.numpy().data)
     return digest.hexdigest()
 
 

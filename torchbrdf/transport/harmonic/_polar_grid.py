@@ -20,8 +20,9 @@ _PER_INTERVAL = 2
 _PLACES = 4
 """Places along a row for each of the highest frequency."""
 
-_SPACING = 2e-3
-"""Between points inside a pixel, on the disc of a sphere of radius 1, of normals half way to the mirrored direction."""
+_SPACING = 1 / 3
+"""Between points inside a pixel, of normals half way to the mirrored direction on the disc of a sphere of radius 1, in
+the finest zone's rows of light."""
 
 _POINTS = (2, 4, 6, 8, 12, 16, 24)
 """Points along a side of a pixel that are used."""
@@ -86,7 +87,7 @@ class PolarGrid:
     def _points(self, view: View, shape: torch.Size) -> list[tuple[Tensor, Tensor, Tensor]]:
         """Some of the pixels, where `bilinear` finds the points inside them, and their shares of the area."""
         pixels = view.pixels.cpu()
-        points = _points_of(view, pixels)
+        points = _points_of(view, pixels, _SPACING * pi / self._finest.rows)
         found = []
         for n in points.unique().tolist():
             for some in torch.nonzero(points == n).ravel().split(max(1, _POINTS_AT_ONCE // n**2)):
@@ -122,11 +123,11 @@ def _values_to_rows(finest: Zone, zone: Zone) -> Tensor:
     return _rings_to_rows(finest, zone) @ zone.ring_quadrature[1].float()
 
 
-def _points_of(view: View, pixels: Tensor) -> Tensor:
+def _points_of(view: View, pixels: Tensor, spacing: float) -> Tensor:
     """(P,) int64: how many points along a side of each pixel."""
     normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float32))[0]
     counts = torch.tensor(_POINTS)
-    return counts[torch.bucketize(widths_of(normals) / _SPACING, counts).clamp_max(len(counts) - 1)]
+    return counts[torch.bucketize(widths_of(normals) / spacing, counts).clamp_max(len(counts) - 1)]
 
 
 def _inside(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:

@@ -21,18 +21,19 @@ _DULL = ((3, 27, 0.75), (1, 13, 1.2))
 _LIT = 80
 """Rows of theta_d, in degrees, that tell."""
 
+_AT_ONCE = 5
+"""Rows of theta_h that are looked at together: what a processor's cache holds."""
+
 
 @dataclass(eq=False)
 class SeenTable:
     """A table as the kernels need it.
 
-    values     (cells, 3) float32: f_r
-    symmetric  whether it is the same for phi_d and -phi_d
-    merged     zones that it does not need, see `Detail`
+    values  (cells, 3) float32: f_r; where it tells phi_d from -phi_d (cells, 6), its even and odd part
+    merged  zones that it does not need, see `Detail`
     """
 
     values: Tensor
-    symmetric: bool
     merged: int
     _wanted: Hashable = None
     _kept: dict[Reflections, list[Tensor]] | None = None
@@ -65,9 +66,9 @@ class SeenTable:
         """See `Reflections.kernels`."""
         kept = self._kept  # another thread may show another table
         if kept is None:
-            return some.kernels(zone, self.values, self.symmetric, frequencies)
+            return some.kernels(zone, self.values, frequencies)
         if some not in kept:
-            kept[some] = lasting(some.kernels)(zone, self.values, self.symmetric, some.turning)
+            kept[some] = lasting(some.kernels)(zone, self.values, some.turning)
         return [part[:frequencies] for part in kept[some]]
 
 
@@ -79,23 +80,34 @@ _SHOWN_LAST: "weakref.WeakSet[SeenTable]" = weakref.WeakSet()
 
 @lasting
 def _seen(table: MerlTable) -> SeenTable:
-    values = table.filled.float().cpu()
-    return SeenTable(values, _is_symmetric(table), _merged(values))
+    values = table.filled.cpu().view(*GRID, 3)
+    merged = _merged(values)
+    if _is_symmetric(table):
+        return SeenTable(values.flatten(0, 2).float(), merged)
+    parts = torch.empty(*GRID, 6, dtype=torch.float32)
+    for f_r, even_and_odd in zip(values.split(_AT_ONCE), parts.split(_AT_ONCE), strict=True):
+        mirrored = f_r.flip(2)
+        even_and_odd[..., :3] = (f_r + mirrored) / 2
+        even_and_odd[..., 3:] = (f_r - mirrored) / 2
+    return SeenTable(parts.flatten(0, 2), merged)
 
 
 def _is_symmetric(table: MerlTable) -> bool:
     """Whether f_r is the same at phi_d and -phi_d wherever it was measured."""
     half = GRID[2] // 2
-    valid, values = ((part[:, :, :half], part[:, :, half:].flip(2)) for part in (table.valid, table.values))
-    same = ((values[0] - values[1]).abs() <= _SYMMETRIC * values[0].abs()).all(-1)
-    return bool((same | ~valid[0]).all()) and torch.equal(*valid)
+    for valid, values in zip(table.valid.cpu().split(_AT_ONCE), table.values.cpu().split(_AT_ONCE), strict=True):
+        here, there = values[:, :, :half], values[:, :, half:].flip(2)
+        same = ((here - there).abs() <= _SYMMETRIC * here.abs()).all(-1)
+        measured = valid[:, :, :half]
+        if not (torch.equal(measured, valid[:, :, half:].flip(2)) and bool((same | ~measured).all())):
+            return False
+    return True
 
 
 def _merged(values: Tensor) -> int:
-    """How many zones, from the mirror direction, have no lobe that the next could not hold."""
-    table = values.view(*GRID, 3)[:, :_LIT]
+    """Of f_r (90, 90, 180, 3): how many zones, from the mirror direction, have no lobe that the next could not hold."""
     for merged, rows, most in _DULL:
-        profile = table[:rows].mean(2)
+        profile = values[:rows, :_LIT].mean(2)
         change = (profile.amax(0) - profile.amin(0)) / profile.mean(0).clamp_min(torch.finfo(profile.dtype).tiny)
         if float(change.quantile(0.9)) <= most:
             return merged

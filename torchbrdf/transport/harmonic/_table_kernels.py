@@ -5,25 +5,22 @@ They are as many as the knots of the light can tell apart, and end where the lig
 where their light falls, is the same for all tables and remembered. Errors: docs/transport.md.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from math import ceil, log, pi, radians
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from torchbrdf.brdf import GRID
-from torchbrdf.lasting import lasting
+from torchbrdf.lasting import lasting, on_disk
+from torchbrdf.transport.harmonic._bags import Bags
 from torchbrdf.transport.harmonic._waves import PLACES, waves
-from torchbrdf.transport.harmonic.grid import Zone, tilt_of
+from torchbrdf.transport.harmonic.grid import Zone, settings, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
 
 _FEWEST_AZIMUTHS = 6
 
@@ -54,6 +51,7 @@ class Detail:
     step              most knots that the light moves by between two half vectors of a meridian
     lines, blur       of the light, see `TurningLight`
     merged            how many of the zones, from the mirror direction, are left to the one after them
+    on_disk           whether half vectors under an orthographic camera are kept in the cache, 50 bytes each
     """
 
     rows: tuple[int, ...]
@@ -63,6 +61,7 @@ class Detail:
     lines: int
     blur: float
     merged: int = 0
+    on_disk: bool = False
 
     @property
     def zones(self) -> tuple[Zone, ...]:
@@ -73,7 +72,7 @@ class Detail:
 EXACT = Detail((512, 256, 96, 96), (2, 2, 2, 2), (1.25, 1.25, 1.25, 1.5), 0.5, 1152, radians(0.025))
 """Within 0.5 % of converged, mirrors and small lamps included."""
 
-SHOWN = Detail((256, 128, 96, 80), (2, 2, 2, 2), (1.25, 1.25, 1.25, 1.5), 0.9, 576, radians(0.05))
+SHOWN = Detail((256, 128, 96, 80), (2, 2, 2, 2), (1.25, 1.25, 1.25, 1.5), 0.9, 576, radians(0.05), on_disk=True)
 """For pictures that are only looked at: within 1 %, but 3 % for mirrors under small lamps, in half the time."""
 
 
@@ -94,7 +93,7 @@ class Reflections:
     turning    frequencies of azimuth that the half vectors resolve there
     cell       (N,) int32: of the table
     by_row     (N, 4): values of splines over elevation times the kernel and the measure of the light, of both sides
-    spread     from half vectors to nodes: azimuth, then first spline over elevation, then polar angle of the normal
+    bags       half vectors on nodes: azimuth, then first spline over elevation, then polar angle of the normal
     """
 
     first: int
@@ -105,34 +104,46 @@ class Reflections:
     turning: int
     cell: Tensor
     by_row: Tensor
-    spread: "csc_matrix"
+    bags: Bags
 
-    def kernels(self, zone: Zone, values: Tensor, symmetric: bool, frequencies: int) -> list[Tensor]:
+    @property
+    def layout(self) -> list[int]:
+        """What is a number."""
+        return [self.first, self.count, self.first_row, self.n_rows, self.line, self.turning]
+
+    @property
+    def tensors(self) -> dict[str, Tensor]:
+        """What is not."""
+        return {"cell": self.cell, "by_row": self.by_row, **vars(self.bags)}
+
+    @classmethod
+    def of(cls, layout: Sequence[int], tensors: Mapping[str, Tensor]) -> "Reflections":
+        """The inverse."""
+        kept = dict(tensors)
+        return cls(*layout, kept.pop("cell"), kept.pop("by_row"), Bags(**kept))
+
+    def kernels(self, zone: Zone, values: Tensor, frequencies: int) -> list[Tensor]:
         """2 pi times the conjugate Fourier series over azimuth of a table's kernels, (M, E, G, 3) each.
 
-        values       (cells, 3) float32: f_r
-        symmetric    whether it is the same for phi_d and -phi_d
+        values       (cells, 3) float32: f_r; or (cells, 6), its even and odd part in phi_d
         frequencies  of azimuth that are wanted, M
         returns      the real parts; and the imaginary ones where there are some
         """
-        seen = [values.index_select(0, self.cell)]
-        if not symmetric:
-            mirrored = values.index_select(0, self.cell + (GRID[2] - 1) - 2 * (self.cell % GRID[2]))
-            seen = [(seen[0] + mirrored) / 2, (seen[0] - mirrored) / 2]
+        nodes = self._nodes(values.index_select(0, self.cell))
         return [
-            (wave[:frequencies] @ self._nodes(each).flatten(1)).view(frequencies, self.n_rows, self.count, 3)
-            for wave, each in zip(waves(zone, self.line, self.turning), seen, strict=False)
+            (wave[:frequencies] @ part.flatten(1)).view(frequencies, self.n_rows, self.count, 3)
+            for wave, part in zip(waves(zone, self.line, self.turning), nodes, strict=False)
         ]
 
     def _nodes(self, seen: Tensor) -> Tensor:
-        """(line, E, G, 3): f_r (N, 3) on the nodes of azimuth and elevation."""
-        each = seen.new_empty(len(seen), SUPPORT, 3)
-        for i in range(3):  # an eighth of the time that broadcasting takes
-            torch.mul(self.by_row, seen[:, i : i + 1], out=each[:, :, i])
-        spread = torch.from_numpy(self.spread @ each.flatten(1).numpy()).view(self.line, -1, self.count, SUPPORT, 3)
-        whole = spread.new_zeros(self.line, self.n_rows, self.count, 3)
+        """(p, line, E, G, 3): the p parts of f_r (N, 3 p) on the nodes of azimuth and elevation."""
+        each = seen.new_empty(len(seen), SUPPORT, seen.shape[1])
+        for i in range(SUPPORT):  # half of the time that broadcasting takes
+            torch.mul(seen, self.by_row[:, i : i + 1], out=each[:, i])
+        sums = self.bags.sums(each.flatten(1)).view(self.line, -1, self.count, SUPPORT, seen.shape[1] // 3, 3)
+        whole = sums.new_zeros(sums.shape[4], self.line, self.n_rows, self.count, 3)
         for i in range(SUPPORT):
-            whole[:, i : i + spread.shape[1]] += spread[:, :, :, i]
+            whole[:, :, i : i + sums.shape[1]] += sums[:, :, :, i].movedim(3, 0)
         return whole
 
 
@@ -143,12 +154,25 @@ def reflections(detail: Detail, zone: Zone, distance: float | None) -> tuple[Ref
 
     distance  of the camera from a ball in radii; None without perspective
     """
-    return tuple(_reflections(detail, zone, distance))
+    if not detail.on_disk or distance is not None:
+        return tuple(_reflections(detail, zone, distance))
+
+    def made() -> dict[str, Tensor]:
+        found = list(_reflections(detail, zone, distance))
+        tensors = {f"{i} {name}": tensor for i, one in enumerate(found) for name, tensor in one.tensors.items()}
+        return tensors | {"layout": torch.tensor([one.layout for one in found])}
+
+    seen = [detail.azimuths[zone.index], detail.step, zone.index, zone.rows, zone.quadrature, zone.first]
+    kept = on_disk("reflections", [*seen, _FEWEST_AZIMUTHS, _CROWDED, _MORE, _TURNING, settings()], made)
+    layouts = kept.pop("layout").tolist()
+    parts: list[dict[str, Tensor]] = [{} for _ in layouts]
+    for name, tensor in kept.items():
+        i, part = name.split()
+        parts[int(i)][part] = tensor
+    return tuple(Reflections.of(layout, part) for layout, part in zip(layouts, parts, strict=True))
 
 
 def _reflections(detail: Detail, zone: Zone, distance: float | None) -> Iterator[Reflections]:
-    from scipy.sparse import csc_matrix
-
     gamma, _ = zone.ring_quadrature
     first, together = 0, 1
     while first < len(gamma):
@@ -159,14 +183,12 @@ def _reflections(detail: Detail, zone: Zone, distance: float | None) -> Iterator
         low, n_rows, line = int(row.min()), int(row.max() - row.min()) + 1, int(place.max()) + SUPPORT
         node = (place * n_rows + (row - low)) * len(some) + samples.ring
         near = node[:, None] + torch.arange(SUPPORT, dtype=torch.int32) * (n_rows * len(some))
-        ends = np.arange(0, near.numel() + 1, SUPPORT, dtype=np.int32)
-        shape = (line * n_rows * len(some), len(node))
-        spread = csc_matrix((by_place.ravel().numpy(), near.ravel().numpy(), ends), shape=shape)
+        bags = Bags.of(near, by_place, line * n_rows * len(some))
         by_row *= samples.weight[:, None]
         widest = float(torch.sin(samples.beta).amax())
         turning = min(zone.frequencies, ceil(zone.rows * widest) + _TURNING)
         yield Reflections(
-            first, len(some), low, n_rows + SUPPORT - 1, line, turning, samples.cell, by_row, spread
+            first, len(some), low, n_rows + SUPPORT - 1, line, turning, samples.cell, by_row, bags
         )  # fmt: skip
         first += len(some)
         together = max(1, min(_TOGETHER, len(gamma) - first, _NODES // (line * n_rows)))
