@@ -16,7 +16,11 @@ from .directions import (
 from .gram import lower_gram as lower_gram
 from .library import MaterialLibrary as MaterialLibrary
 from .members import position_among as position_among
-from .merl import MerlTable as MerlTable, nearest_measured as nearest_measured
+from .merl import (
+    MerlTable as MerlTable,
+    linear_lookups as linear_lookups,
+    nearest_measured as nearest_measured,
+)
 from .merl_directory import (
     MERL_MATERIALS as MERL_MATERIALS,
     table_paths as table_paths,

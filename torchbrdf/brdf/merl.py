@@ -6,7 +6,7 @@ warped by a square root. phi_d covers [0, pi): reciprocity is phi_d -> phi_d + p
 
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -222,7 +222,7 @@ class MerlTable:
             from torchbrdf.brdf.rgl_writing import write_bsdf
 
             with writing(path) as temporary:
-                write_bsdf(temporary, self._trilinear, self.valid.cpu(), self.name, spectral)
+                write_bsdf(temporary, lambda *at: _trilinear([self], *at)[0], self.valid.cpu(), self.name, spectral)
             return
         if spectral:
             raise ValueError(f"{path}: spectral is for a {RGL_SUFFIX} file; a MERL table has red, green and blue alone")
@@ -246,31 +246,41 @@ class MerlTable:
         interpolation  "nearest" cell, as MERL's own code, or "linear" in the three warped coordinates
         returns        (..., 3)  1/sr, in the precision of w_i
         """
-        w_i, w_o = torch.broadcast_tensors(w_i, w_o)
-        angles = half_difference(w_i, w_o)
-        if interpolation == "nearest":
-            f_r = self.filled[cell_index(*angles).long()]
-        elif interpolation == "linear":
-            f_r = self._trilinear(*grid_coordinates(*angles))
-        else:
+        if interpolation == "linear":
+            return linear_lookups([self], w_i, w_o)[0]
+        if interpolation != "nearest":
             raise ValueError(f'interpolation must be "nearest" or "linear", got {interpolation!r}')
-        visible = (w_i[..., 2] > 0) & (w_o[..., 2] > 0)
-        return torch.where(visible[..., None], f_r, 0).to(w_i.dtype)
+        w_i, w_o = torch.broadcast_tensors(w_i, w_o)
+        return _where_visible(self.filled[cell_index(*half_difference(w_i, w_o)).long()], w_i, w_o)
 
-    def _trilinear(self, h: Tensor, d: Tensor, p: Tensor) -> Tensor:
-        lower = [torch.floor(c - 0.5) for c in (h, d, p)]
-        fraction = [c - 0.5 - low for c, low in zip((h, d, p), lower, strict=True)]
-        total: Tensor | float = 0.0
-        for corner in range(8):
-            steps = [(corner >> axis) & 1 for axis in range(3)]
-            i_h = (lower[0].long() + steps[0]).clamp_(0, GRID[0] - 1)
-            i_d = (lower[1].long() + steps[1]).clamp_(0, GRID[1] - 1)
-            i_p = torch.remainder(lower[2].long() + steps[2], GRID[2])
-            weight = torch.ones_like(h)
-            for f, step in zip(fraction, steps, strict=True):
-                weight = weight * (f if step else 1 - f)
-            total = total + weight[..., None] * self.filled[(i_h * GRID[1] + i_d) * GRID[2] + i_p]
-        return torch.as_tensor(total)
+
+def linear_lookups(tables: Sequence[MerlTable], w_i: Tensor, w_o: Tensor) -> list[Tensor]:
+    """`MerlTable.lookup` of several tables, "linear", by the same cells: where they lie takes most of the time."""
+    w_i, w_o = torch.broadcast_tensors(w_i, w_o)
+    found = _trilinear(tables, *grid_coordinates(*half_difference(w_i, w_o)))
+    return [_where_visible(f_r, w_i, w_o) for f_r in found]
+
+
+def _where_visible(f_r: Tensor, w_i: Tensor, w_o: Tensor) -> Tensor:
+    visible = (w_i[..., 2] > 0) & (w_o[..., 2] > 0)
+    return torch.where(visible[..., None], f_r, 0).to(w_i.dtype)
+
+
+def _trilinear(tables: Sequence[MerlTable], h: Tensor, d: Tensor, p: Tensor) -> list[Tensor]:
+    lower = [torch.floor(c - 0.5) for c in (h, d, p)]
+    fraction = [c - 0.5 - low for c, low in zip((h, d, p), lower, strict=True)]
+    totals: list[Tensor | float] = [0.0] * len(tables)
+    for corner in range(8):
+        steps = [(corner >> axis) & 1 for axis in range(3)]
+        i_h = (lower[0].long() + steps[0]).clamp_(0, GRID[0] - 1)
+        i_d = (lower[1].long() + steps[1]).clamp_(0, GRID[1] - 1)
+        i_p = torch.remainder(lower[2].long() + steps[2], GRID[2])
+        weight = torch.ones_like(h)
+        for f, step in zip(fraction, steps, strict=True):
+            weight = weight * (f if step else 1 - f)
+        cells = (i_h * GRID[1] + i_d) * GRID[2] + i_p
+        totals = [total + weight[..., None] * table.filled[cells] for total, table in zip(totals, tables, strict=True)]
+    return [torch.as_tensor(total) for total in totals]
 
 
 @lru_cache(maxsize=1)

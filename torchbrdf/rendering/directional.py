@@ -5,13 +5,14 @@ direction (sin a, 0, cos a): it turns about +Y from the camera (0 degrees, +Z) o
 the object (180). [CBP21, figs. 2-6] look at 0 and 136 degrees; the paper does not say about which axis.
 """
 
+from collections.abc import Sequence
 from math import cos, isfinite, radians, sin
 
 import torch
 from torch import Tensor
 
 from torchbrdf.arguments import check_types, warn_of_lost_gradient
-from torchbrdf.brdf import MerlTable
+from torchbrdf.brdf import MerlTable, linear_lookups
 from torchbrdf.view import View
 
 _BLOCK = 1 << 16
@@ -38,6 +39,18 @@ def render_directional(
     or a value or a type makes no sense.
     """
     check_types("tb.render_directional", table=(table, MerlTable), view=(view, View))
+    return directional_pictures([table], view, angle_deg, direction, irradiance, subpixels)[0]
+
+
+def directional_pictures(
+    tables: Sequence[MerlTable],
+    view: View,
+    angle_deg: float | None = None,
+    direction: Tensor | None = None,
+    irradiance: float = 1.0,
+    subpixels: int = 4,
+) -> Tensor:
+    """(K, 3, H, W): `render_directional` of several tables, in little more than the time of one."""
     w_i = light_direction(angle_deg, direction)
     if not 0 < irradiance < float("inf"):
         raise ValueError(f"irradiance must be positive and finite, got {irradiance}")
@@ -46,15 +59,17 @@ def render_directional(
     steps = (torch.arange(subpixels, dtype=torch.float64) + 0.5) / subpixels
     v, u = (c.reshape(1, -1) for c in torch.meshgrid(steps, steps, indexing="ij"))
     pixels = view.pixels.cpu()
-    packed = torch.empty(3, len(pixels), dtype=torch.float64)
+    packed = torch.empty(len(tables), 3, len(pixels), dtype=torch.float64)
     for chunk in torch.arange(len(pixels)).split(max(1, _BLOCK // subpixels**2)):
         shape = (len(chunk), subpixels**2)
         points = view.surface(pixels[chunk], u.expand(shape), v.expand(shape))
         normal, w_o = (vectors.double().movedim(0, -1) for vectors in (points.normals, points.view_dirs))
         local_i, local_o = to_local(normal, w_i.expand_as(normal)), to_local(normal, w_o)
-        reflected = table.lookup(local_i, local_o, interpolation="linear") * local_i[..., 2:].clamp_min(0)
+        received = local_i[..., 2:].clamp_min(0)
         lit = view.visibility(points, w_i[:, None, None].expand(3, *shape))
-        packed[:, chunk] = (reflected if lit is None else reflected * lit[..., None]).mean(1).T
+        received = received if lit is None else received * lit[..., None]
+        for i, f_r in enumerate(linear_lookups(tables, local_i, local_o)):
+            packed[i][:, chunk] = (f_r * received).mean(1).T
     return view.unpack((irradiance * packed).float())
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import MerlTable, brdf_texture
 from torchbrdf.images import LUMINANCE, stops_for
-from torchbrdf.rendering import render_directional
+from torchbrdf.rendering import directional_pictures
 from torchbrdf.report._figures import CHANNEL_COLOURS, DIVERGING, diverging_css, sequential_css
 from torchbrdf.report._pictures import ball
 from torchbrdf.report.page import page, plate, section
@@ -77,9 +77,9 @@ class TurnedSpheres:
     def of(cls, names: Sequence[str], tables: Sequence[MerlTable], size: int) -> "TurnedSpheres":
         """Render the stills, at an exposure that suits what lies beside the highlight of the brightest."""
         view, light = SphereView(size), torch.tensor(LIGHT)
-        stills = [render_directional(table, view, direction=light, irradiance=torch.pi) for table in tables]
+        stills = directional_pictures(tables, view, direction=light, irradiance=torch.pi)
         gain = min((stops_for(still)[1] for still in stills if still.any()), default=1.0)
-        return cls(names, tables, torch.stack(stills), gain)
+        return cls(names, tables, stills, gain)
 
     def section(self) -> str:
         """HTML of the section; `compare_document` adds the script."""

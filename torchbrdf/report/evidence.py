@@ -13,7 +13,7 @@ from torchbrdf.brdf import MaterialLibrary, MerlTable, directional_albedo
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.images import relative_rms
 from torchbrdf.light import LightProbe
-from torchbrdf.rendering import render_directional, render_tables
+from torchbrdf.rendering import directional_pictures, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.report.doubts import Doubt, clamped_share, darkest_middle, doubts, margin, oscillation_of, second_best
 from torchbrdf.report.grade import Grade, grade_of
@@ -230,7 +230,6 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
     fits = basis.render(torch.stack(weights).to(basis.packed)).cpu()
     small = SphereView(min(size, _CANDIDATE_SIZE))
     final = tables[shown]
-    balls = [sphere if table is final else small for table in tables]
     if is_precomputed(library):
         candidates = partial(HarmonicBasis(library, other, small).images_of, torch.stack(weights))
     else:
@@ -239,16 +238,19 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
     def left_open() -> Spread | None:
         return None if result.posteriors is None else gather_spread(result, fits[shown], basis, library, other, size)
 
-    from_camera, behind = (partial(render_directional, angle_deg=a, irradiance=pi) for a in DIRECTIONAL_ANGLES)
+    from_camera, behind = (partial(directional_pictures, angle_deg=a, irradiance=pi) for a in DIRECTIONAL_ANGLES)
     parts: list[Callable[[], Any]] = [
         partial(table_pictures, final, [(other, None), (probe, turn)], sphere, SHOWN),
-        candidates,
         left_open,
-        partial(behind, final, sphere),
+        candidates,
+        partial(from_camera, tables, small),
+        partial(from_camera, [final], sphere),
+        partial(behind, [final], sphere),
         partial(directional_albedo, final),
-        *(partial(from_camera, table, ball) for table, ball in zip(tables, balls, strict=True)),
     ]
-    (under_other, under_turned), novel, spread, from_behind, albedo, *frontal = side_by_side(lambda make: make(), parts)
+    (under_other, under_turned), spread, novel, frontal, (found_frontal,), (from_behind,), albedo = side_by_side(
+        lambda make: make(), parts
+    )
     made = tuple(
         Candidate(
             index=j if j < k else None,
@@ -260,7 +262,7 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
             table=table,
             clamped=clamped_share(table),
             novel=under_other if table is final else novel[j].cpu(),
-            frontal=frontal[j],
+            frontal=found_frontal if table is final else frontal[j],
         )
         for j, table in enumerate(tables)
     )
@@ -277,7 +279,7 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
             relative_rms(found.fitted[c], y[c], used[0]) if y[c][used[0]].any() else float("nan") for c in range(3)
         ),
         turned=under_turned,
-        directional=dict(zip(DIRECTIONAL_ANGLES, (found.frontal, from_behind), strict=True)),
+        directional=dict(zip(DIRECTIONAL_ANGLES, (found_frontal, from_behind), strict=True)),
         probes=(probe, other, turned),
         albedo=albedo,
         distrust=basis.distrust,
