@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed as completed_here
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed as completed_here
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -51,11 +51,35 @@ def one_thread() -> Iterator[int]:
 
 
 def side_by_side(function: Callable[[Part], Made], parts: Sequence[Part]) -> list[Made]:
-    """function(part) of every part in order, as many at once as torch has threads. Nothing of it is differentiated."""
+    """function(part) of every part in order, as many at once as torch has threads. Nothing of it is differentiated.
+
+    This thread works, too: the memory that it let go of before is at hand for no other.
+    """
     if min(torch.get_num_threads(), len(parts)) < 2:
         return [function(part) for part in parts]
-    with one_thread() as threads, ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(torch.no_grad()(function), parts))
+    with one_thread() as threads, ThreadPoolExecutor(threads - 1) as pool:
+        apart = torch.no_grad()(function)
+        futures = [pool.submit(apart, part) for part in parts]
+        try:
+            for i, future in enumerate(futures):
+                if future.cancel():  # no other thread has begun it
+                    futures[i] = _made_here(apart, parts[i])
+                    if futures[i].exception():
+                        break
+            return [future.result() for future in futures]
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+def _made_here(function: Callable[[Part], Made], part: Part) -> "Future[Made]":
+    """Of this thread, as of another."""
+    future: Future[Made] = Future()
+    try:
+        future.set_result(function(part))
+    except Exception as error:
+        future.set_exception(error)
+    return future
 
 
 @dataclass(frozen=True)

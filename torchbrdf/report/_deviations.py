@@ -78,6 +78,7 @@ def relative_spread(deviation: Tensor, radiance: Tensor) -> Tensor:
 def retroreflection_rows(library: MaterialLibrary) -> Tensor:
     """(90, n) float64: every basis BRDF over theta_h in the first row of theta_d, mean over phi_d."""
     columns = library.stored.columns.view(*GRID, -1)[:, 0].float().mean(1).cpu().double()
+    library.stored.release()
     return (columns * library.stored.scale)[:, library.column_index]
 
 

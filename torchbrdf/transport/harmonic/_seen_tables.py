@@ -29,11 +29,13 @@ _AT_ONCE = 5
 class SeenTable:
     """A table as the kernels need it.
 
-    values  (cells, 3) float32: f_r; where it tells phi_d from -phi_d (cells, 6), its even and odd part
-    merged  zones that it does not need, see `Detail`
+    values     (cells, 3) float32: f_r
+    symmetric  whether it is the same for phi_d and -phi_d
+    merged     zones that it does not need, see `Detail`
     """
 
     values: Tensor
+    symmetric: bool
     merged: int
     _wanted: Hashable = None
     _kept: dict[Reflections, list[Tensor]] | None = None
@@ -66,9 +68,9 @@ class SeenTable:
         """See `Reflections.kernels`."""
         kept = self._kept  # another thread may show another table
         if kept is None:
-            return some.kernels(zone, self.values, frequencies)
+            return some.kernels(zone, self.values, self.symmetric, frequencies)
         if some not in kept:
-            kept[some] = lasting(some.kernels)(zone, self.values, some.turning)
+            kept[some] = lasting(some.kernels)(zone, self.values, self.symmetric, some.turning)
         return [part[:frequencies] for part in kept[some]]
 
 
@@ -80,16 +82,8 @@ _SHOWN_LAST: "weakref.WeakSet[SeenTable]" = weakref.WeakSet()
 
 @lasting
 def _seen(table: MerlTable) -> SeenTable:
-    values = table.filled.cpu().view(*GRID, 3)
-    merged = _merged(values)
-    if _is_symmetric(table):
-        return SeenTable(values.flatten(0, 2).float(), merged)
-    parts = torch.empty(*GRID, 6, dtype=torch.float32)
-    for f_r, even_and_odd in zip(values.split(_AT_ONCE), parts.split(_AT_ONCE), strict=True):
-        mirrored = f_r.flip(2)
-        even_and_odd[..., :3] = (f_r + mirrored) / 2
-        even_and_odd[..., 3:] = (f_r - mirrored) / 2
-    return SeenTable(parts.flatten(0, 2), merged)
+    values = table.filled.float().cpu()
+    return SeenTable(values, _is_symmetric(table), _merged(values.view(*GRID, 3)))
 
 
 def _is_symmetric(table: MerlTable) -> bool:

@@ -119,24 +119,30 @@ class Reflections:
     @classmethod
     def of(cls, layout: Sequence[int], tensors: Mapping[str, Tensor]) -> "Reflections":
         """The inverse."""
-        kept = dict(tensors)
-        return cls(*layout, kept.pop("cell"), kept.pop("by_row"), Bags(**kept))
+        first, count, first_row, n_rows, line, turning = layout
+        bags = Bags(tensors["sample"], tensors["share"], tensors["ends"])
+        return cls(first, count, first_row, n_rows, line, turning, tensors["cell"], tensors["by_row"], bags)
 
-    def kernels(self, zone: Zone, values: Tensor, frequencies: int) -> list[Tensor]:
+    def kernels(self, zone: Zone, values: Tensor, symmetric: bool, frequencies: int) -> list[Tensor]:
         """2 pi times the conjugate Fourier series over azimuth of a table's kernels, (M, E, G, 3) each.
 
-        values       (cells, 3) float32: f_r; or (cells, 6), its even and odd part in phi_d
+        values       (cells, 3) float32: f_r
+        symmetric    whether it is the same for phi_d and -phi_d
         frequencies  of azimuth that are wanted, M
         returns      the real parts; and the imaginary ones where there are some
         """
-        nodes = self._nodes(values.index_select(0, self.cell))
+        seen = values.index_select(0, self.cell)
+        if not symmetric:
+            mirrored = values.index_select(0, self.cell + (GRID[2] - 1) - 2 * (self.cell % GRID[2]))
+            seen = torch.cat([seen + mirrored, seen - mirrored], 1).mul_(0.5)
+        nodes = self._nodes(seen)
         return [
             (wave[:frequencies] @ part.flatten(1)).view(frequencies, self.n_rows, self.count, 3)
             for wave, part in zip(waves(zone, self.line, self.turning), nodes, strict=False)
         ]
 
     def _nodes(self, seen: Tensor) -> Tensor:
-        """(p, line, E, G, 3): the p parts of f_r (N, 3 p) on the nodes of azimuth and elevation."""
+        """(p, line, E, G, 3): f_r, or its even and odd part in phi_d, (N, 3 p), on nodes of azimuth and elevation."""
         each = seen.new_empty(len(seen), SUPPORT, seen.shape[1])
         for i in range(SUPPORT):  # half of the time that broadcasting takes
             torch.mul(seen, self.by_row[:, i : i + 1], out=each[:, i])
@@ -163,7 +169,7 @@ def reflections(detail: Detail, zone: Zone, distance: float | None) -> tuple[Ref
         return tensors | {"layout": torch.tensor([one.layout for one in found])}
 
     seen = [detail.azimuths[zone.index], detail.step, zone.index, zone.rows, zone.quadrature, zone.first]
-    kept = on_disk("reflections", [*seen, _FEWEST_AZIMUTHS, _CROWDED, _MORE, _TURNING, settings()], made)
+    kept = on_disk("reflections", [*seen, _FEWEST_AZIMUTHS, _CROWDED, _MORE, _TURNING, PLACES, settings()], made)
     layouts = kept.pop("layout").tolist()
     parts: list[dict[str, Tensor]] = [{} for _ in layouts]
     for name, tensor in kept.items():
