@@ -99,7 +99,7 @@ class _Group:
         n_places = self.integrals.n_places
         seen = self.integrals.cells(torch.arange(min(_PILOT, n_places) // 2, n_places, _PILOT))
         measure = self.ring_measure.sum() / len(seen.places)
-        step = max(1, len(seen.cells) // _GRAM_CELLS)
+        step = max(1, 2 * len(seen.cells) // _GRAM_CELLS)
         power = self.integrals.power(seen)[::step] * (measure * step)
         gram = self.integrals.gram(seen.cells[::step], power) / self.norms / self.norms[:, None]
         size, vectors = _principal(gram)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import StoredColumns
 from torchbrdf.transport.harmonic._bags import Bags
-from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors
+from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors, mirrored
 from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
@@ -27,7 +27,7 @@ With a share t of the tilt the kernels are those of order 0, t times those of 1,
 _AZIMUTHS = (64, 96, 128, 192)
 """Half vectors on a half circle about the normal, by zone."""
 
-_ROWS_AT_ONCE = 1 << 11
+_PAIRS_AT_ONCE = 1 << 10
 _BLOCK = 1 << 23
 """Floats of spread samples held at once."""
 
@@ -39,12 +39,6 @@ class Mixtures:
     loadings: Tensor
     r: int
 
-    @property
-    def sign(self) -> Tensor:
-        """(r + s,): how the cell of the mirrored direction counts."""
-        counts = torch.tensor([self.r, self.loadings.shape[1] - self.r])
-        return torch.tensor([1.0, -1.0], dtype=torch.float32).repeat_interleave(counts)
-
     def parts(self, values: Tensor, dim: int) -> tuple[Tensor, Tensor]:
         """The r and the s along a dimension of r + s."""
         even, odd = values.split([self.r, values.shape[dim] - self.r], dim)
@@ -53,14 +47,16 @@ class Mixtures:
 
 @dataclass(frozen=True)
 class Cells:
-    """The cells (N,) that Q places across the rings meet, and which of them, (2, Q, S) for every tilt.
+    """Pairs of cells that mirror each other, (N,) by the first of both, and which of them Q places across the rings meet.
 
-    2 for the direction and the mirrored one
+    met    (Q, S) for every tilt
+    sides  (Q, S) for every tilt: 1 where the first of the pair lies at delta > 0, else -1
     """
 
     places: Tensor
     cells: Tensor
     met: list[Tensor]
+    sides: list[Tensor]
 
 
 class GroupIntegrals:
@@ -97,36 +93,38 @@ class GroupIntegrals:
 
     def cells(self, places: Tensor) -> Cells:
         """Those that some places (Q,) meet."""
-        met = [samples.cells[:, places] for samples in self.samples]
-        cells, index = torch.unique(torch.cat([some.ravel() for some in met]), return_inverse=True)
+        met = [samples.cells[places] for samples in self.samples]
+        there = [mirrored(some) for some in met]
+        first = [torch.minimum(*both) for both in zip(met, there, strict=True)]
+        cells, index = torch.unique(torch.cat([some.ravel() for some in first]), return_inverse=True)
         parts = index.split([some.numel() for some in met])
-        return Cells(places, cells, [part.view_as(some) for part, some in zip(parts, met, strict=True)])
+        sides = [torch.where(one < other, 1.0, -1.0).float() for one, other in zip(met, there, strict=True)]
+        return Cells(places, cells, [part.view_as(some) for part, some in zip(parts, met, strict=True)], sides)
 
     def power(self, seen: Cells) -> Tensor:
         """(N,) float64: integrals of the squared kernel that is 1 in one cell, summed over places and tilts."""
         found = torch.zeros(len(seen.cells), dtype=torch.float64)
         for samples, met in zip(self.samples, seen.met, strict=True):
-            share = (samples.weights * samples.kernel)[seen.places]
-            for side in met:
-                found.index_add_(0, side.ravel(), share.ravel())
+            found.index_add_(0, met.ravel(), (samples.weights * samples.kernel)[seen.places].ravel())
         return found
 
     def gram(self, cells: Tensor, power: Tensor) -> Tensor:
-        """(n, n) float64: inner products of the columns in cells (N,) that count by a power (N,)."""
+        """(n, n) float64: inner products of the columns in pairs of cells (N,) that count by a power (N,)."""
         n = self.stored.columns.shape[1]
         found = torch.zeros(n, n, dtype=torch.float64)
-        for some, share in zip(cells.split(_ROWS_AT_ONCE), power.split(_ROWS_AT_ONCE), strict=True):
-            rows = self.stored.columns[some].double() * share.sqrt()[:, None]
-            found += rows.T @ rows
+        for some, share in zip(cells.split(_PAIRS_AT_ONCE), power.split(_PAIRS_AT_ONCE), strict=True):
+            for cell in (some, mirrored(some)):
+                rows = self.stored.columns[cell].double() * share.sqrt()[:, None]
+                found += rows.T @ rows
         return self.stored.scale[:, None] * found * self.stored.scale
 
     def spread(self, seen: Cells, mixtures: Mixtures) -> Iterator[Tensor]:
         """(orders, E line, r + s): at one place after the other, mixtures spread on nodes by the splines."""
-        values, sign = self._values(seen.cells, mixtures), mixtures.sign
+        values = self._values(seen.cells, mixtures)
         for i, place in enumerate(seen.places.tolist()):
             by_tilt = [
-                self._spread(samples, place, values, met[:, i], sign)
-                for samples, met in zip(self.samples, seen.met, strict=True)
+                self._spread(samples, place, mixtures, values, met[i], side[i])
+                for samples, met, side in zip(self.samples, seen.met, seen.sides, strict=True)
             ]
             if len(by_tilt) == 1:
                 yield by_tilt[0][None]
@@ -153,15 +151,21 @@ class GroupIntegrals:
         return found
 
     def _values(self, cells: Tensor, mixtures: Mixtures) -> Tensor:
-        """(N, r + s)."""
+        """(N, r + s): sums of r mixtures over pairs of cells, and differences of s."""
         loadings = (self.stored.scale[:, None] * mixtures.loadings).float()
         values = loadings.new_empty(len(cells), loadings.shape[1])
-        for some, found in zip(cells.split(_ROWS_AT_ONCE), values.split(_ROWS_AT_ONCE), strict=True):
-            torch.mm(self.stored.columns[some].float(), loadings, out=found)
+        even, odd = mixtures.parts(loadings, 1)
+        for some, found in zip(cells.split(_PAIRS_AT_ONCE), values.split(_PAIRS_AT_ONCE), strict=True):
+            one, other = (self.stored.columns[cell].float() for cell in (some, mirrored(some)))
+            sums, differences = mixtures.parts(found, 1)
+            torch.mm(one + other, even, out=sums)
+            torch.mm(one.sub_(other), odd, out=differences)
         return values
 
-    def _spread(self, samples: HalfVectors, place: int, values: Tensor, met: Tensor, sign: Tensor) -> Tensor:
-        """(E line, r + s): of one tilt, from cells met (2, S)."""
+    def _spread(
+        self, samples: HalfVectors, place: int, mixtures: Mixtures, values: Tensor, met: Tensor, side: Tensor
+    ) -> Tensor:
+        """(E line, r + s): of one tilt, from pairs of cells met (S,), each from its side (S,)."""
         lit = samples.weights[place] != 0
         first, by_row = self.zone.elevation_splines(samples.beta[place, lit])
         position = samples.delta[place, lit] * self.per_delta
@@ -170,8 +174,9 @@ class GroupIntegrals:
         nodes = row[..., None] * self.line + (node[:, None] + torch.arange(SUPPORT))[:, None]
         weights = samples.weights[place, lit, None, None] * by_row[..., None] * by_delta[:, None]
         bags = Bags.of(nodes.flatten(1).int(), weights.flatten(1).float(), self.n_rows * self.line)
-        one, mirrored = (values[side[lit]] for side in met)
-        return bags.sums(one.addcmul_(mirrored, sign))
+        seen = values.index_select(0, met[lit])
+        mixtures.parts(seen, 1)[1].mul_(side[lit, None])
+        return bags.sums(seen)
 
 
 def perspective_terms() -> list[object]:

@@ -18,6 +18,7 @@ from torch import Tensor
 from torchbrdf.brdf import GRID
 from torchbrdf.lasting import lasting, on_disk
 from torchbrdf.transport.harmonic._bags import Bags
+from torchbrdf.transport.harmonic._half_vectors import mirrored
 from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, settings, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
@@ -133,8 +134,8 @@ class Reflections:
         """
         seen = values.index_select(0, self.cell)
         if not symmetric:
-            mirrored = values.index_select(0, self.cell + (GRID[2] - 1) - 2 * (self.cell % GRID[2]))
-            seen = torch.cat([seen + mirrored, seen - mirrored], 1).mul_(0.5)
+            there = values.index_select(0, mirrored(self.cell))
+            seen = torch.cat([seen + there, seen - there], 1).mul_(0.5)
         nodes = self._nodes(seen)
         return [
             (wave[:frequencies] @ part.flatten(1)).view(frequencies, self.n_rows, self.count, 3)
