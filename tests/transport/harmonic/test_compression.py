@@ -38,7 +38,7 @@ def integrated(library: MaterialLibrary, orders: tuple[int, ...], zone: Zone, ri
     n = library.n
     each = Mixtures(torch.eye(n, dtype=torch.float64).repeat(1, 2), n)
     spectra = GroupIntegrals(library.stored, orders, zone, rings).spectra(each)
-    return [torch.stack(one.split(n, 2)).permute(0, 4, 2, 1, 3) for one in spectra]
+    return [torch.stack(both).permute(0, 4, 2, 1, 3) for both in spectra]
 
 
 def lost(library: MaterialLibrary, orders: tuple[int, ...], index: int) -> Tensor:

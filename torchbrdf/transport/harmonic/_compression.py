@@ -16,7 +16,7 @@ from math import pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import StoredColumns, norm_settings
+from torchbrdf.brdf import StoredColumns, lower_gram, norm_settings
 from torchbrdf.transport.harmonic._integrals import GroupIntegrals, Mixtures, integral_settings, perspective_terms
 from torchbrdf.transport.harmonic._kernels import Band, Kernels
 from torchbrdf.transport.harmonic.grid import HELD_DISTANCE, Zone
@@ -90,8 +90,8 @@ class _Group:
         mixtures = self._mixtures()
         normalised = Mixtures(mixtures.loadings / self.norms[:, None], mixtures.r)
         return tuple(
-            self._compressed(order, mixtures, spectra)
-            for order, spectra in zip(self.orders, self.integrals.spectra(normalised), strict=True)
+            self._compressed(order, mixtures, parts)
+            for order, parts in zip(self.orders, self.integrals.spectra(normalised), strict=True)
         )
 
     def _mixtures(self) -> Mixtures:
@@ -106,11 +106,13 @@ class _Group:
         vectors = vectors[:, : min(max(1, _needed(vectors, size, self.earlier)), _MIXTURES)]
         r = vectors.shape[1]
         grams = torch.zeros(2, r, r, dtype=torch.float64)
-        scale = (measure / self.zone.row_measure[self.rows]).sqrt().float().repeat_interleave(self.integrals.line)
+        scale = (measure / self.zone.row_measure[self.rows]).sqrt().repeat_interleave(self.integrals.line)
         both = Mixtures((vectors / self.norms[:, None]).repeat(1, 2), r)
-        for spread in self.integrals.spread(seen, both):
-            for nodes in spread * scale[:, None]:
-                for found, part in zip(grams, both.parts(nodes.double(), 1), strict=True):
+        for _, spread in self.integrals.spread(seen, both):
+            for nodes in spread.flatten(0, 1):
+                reached = nodes.any(1)  # a half or less
+                weighted = nodes[reached].double() * scale[reached, None]
+                for found, part in zip(grams, both.parts(weighted, 1), strict=True):
                     found += part.T @ part
         kept = []
         for found, least in zip(grams * (self.integrals.per_delta / 2), (1, 0), strict=True):
@@ -119,17 +121,16 @@ class _Group:
             kept.append(loadings[:, : max(least, _needed(loadings, size, self.earlier))])
         return Mixtures(torch.cat(kept, 1), kept[0].shape[1])
 
-    def _compressed(self, order: int, mixtures: Mixtures, spectra: Tensor) -> Kernels:
-        """From spectra (G, E, r + s, M)."""
-        parts, loadings = mixtures.parts(spectra, 2), mixtures.parts(mixtures.loadings, 1)
-        scaled = mixtures.parts(spectra * self._scale(), 2)
+    def _compressed(self, order: int, mixtures: Mixtures, parts: tuple[Tensor, Tensor]) -> Kernels:
+        """From real and imaginary parts of spectra (G, E, r or s, M)."""
+        loadings, scale = mixtures.parts(mixtures.loadings, 1), self._scale()
 
         def components(low: int, high: int) -> list[tuple[Tensor, Tensor]]:
             """Sizes (q,) and mixtures (r, q) that a band of real, then of imaginary parts needs."""
             found = []
-            for part, loading in zip(scaled, loadings, strict=True):
-                block = part[..., low:high].transpose(0, 2).flatten(1).double()
-                size, vectors = _principal(block @ block.T / pi)
+            for part, loading in zip(parts, loadings, strict=True):
+                block = (part[..., low:high] * scale[..., low:high]).transpose(0, 2).flatten(1).double()
+                size, vectors = _principal(lower_gram(block) / pi)
                 needed = _needed(loading @ vectors, size, self.allowance)
                 found.append((size[:needed], vectors[:, :needed]))
             return found
@@ -153,7 +154,7 @@ class _Group:
         bands = []
         for (low, high), mix in zip(edges, mixes, strict=True):
             even, odd = (
-                _reduced(part[..., low:high] / interpolated[low:high], vectors)
+                _reduced(part[..., low:high], vectors).div_(interpolated[low:high, None, None])
                 for part, vectors in zip(parts, mix, strict=True)
             )
             to_basis = ((loading @ vectors).T @ basis for loading, vectors in zip(loadings, mix, strict=True))
@@ -184,7 +185,7 @@ def _reduced(part: Tensor, vectors: Tensor) -> Tensor:
 
 
 def _principal(gram: Tensor) -> tuple[Tensor, Tensor]:
-    """Eigenvalues, from the largest, and eigenvectors."""
+    """Eigenvalues, from the largest, and eigenvectors, of the lower triangle."""
     size, vectors = torch.linalg.eigh(gram)
     return size.flip(0).clamp_min(0), vectors.flip(1)
 

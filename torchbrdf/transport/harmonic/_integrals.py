@@ -11,7 +11,7 @@ from math import pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import StoredColumns
+from torchbrdf.brdf import StoredColumns, lower_gram
 from torchbrdf.transport.harmonic._bags import Bags
 from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors, mirrored
 from torchbrdf.transport.harmonic._waves import PLACES, waves
@@ -91,6 +91,11 @@ class GroupIntegrals:
         """Across the rings."""
         return self.to_rings.shape[1]
 
+    @property
+    def n_nodes(self) -> int:
+        """Of a place: a line for each spline over elevation."""
+        return self.n_rows * self.line
+
     def cells(self, places: Tensor) -> Cells:
         """Those that some places (Q,) meet."""
         met = [samples.cells[places] for samples in self.samples]
@@ -109,45 +114,47 @@ class GroupIntegrals:
         return found
 
     def gram(self, cells: Tensor, power: Tensor) -> Tensor:
-        """(n, n) float64: inner products of the columns in pairs of cells (N,) that count by a power (N,)."""
+        """(n, n) float64, see `lower_gram`: of the columns in pairs of cells (N,) that count by a power (N,)."""
         n = self.stored.columns.shape[1]
         found = torch.zeros(n, n, dtype=torch.float64)
         for some, share in zip(cells.split(_PAIRS_AT_ONCE), power.split(_PAIRS_AT_ONCE), strict=True):
             for cell in (some, mirrored(some)):
                 rows = self.stored.columns[cell].double() * share.sqrt()[:, None]
-                found += rows.T @ rows
+                found += lower_gram(rows.T)
         return self.stored.scale[:, None] * found * self.stored.scale
 
-    def spread(self, seen: Cells, mixtures: Mixtures) -> Iterator[Tensor]:
-        """(orders, E line, r + s): at one place after the other, mixtures spread on nodes by the splines."""
+    def spread(self, seen: Cells, mixtures: Mixtures) -> Iterator[tuple[slice, Tensor]]:
+        """Mixtures spread on nodes by the splines: some of the places after the others, and (Q, orders, E line, r + s).
+
+        They are as many at once as `_BLOCK` holds, at least one.
+        """
         values = self._values(seen.cells, mixtures)
-        for i, place in enumerate(seen.places.tolist()):
+        together = max(1, _BLOCK // (len(self.factors) * self.n_nodes * values.shape[1]))
+        for start in range(0, len(seen.places), together):
+            some = slice(start, min(start + together, len(seen.places)))
             by_tilt = [
-                self._spread(samples, place, mixtures, values, met[i], side[i])
-                for samples, met, side in zip(self.samples, seen.met, seen.sides, strict=True)
+                self._spread(samples, seen.places[some], mixtures, values, met[some], sides[some])
+                for samples, met, sides in zip(self.samples, seen.met, seen.sides, strict=True)
             ]
             if len(by_tilt) == 1:
-                yield by_tilt[0][None]
+                yield some, by_tilt[0][:, None]
             else:
-                yield torch.einsum("pt,tnk->pnk", self.factors, torch.stack(by_tilt))
+                yield some, torch.einsum("pt,tqnk->qpnk", self.factors, torch.stack(by_tilt))
 
-    def spectra(self, mixtures: Mixtures) -> list[Tensor]:
-        """conj(kappa) (G, E, r + s, M) of every order: real parts of r mixtures, imaginary ones of s."""
-        places = torch.arange(self.n_places)
-        n_orders, size = len(self.factors), self.n_rows * self.line * mixtures.loadings.shape[1]
+    def spectra(self, mixtures: Mixtures) -> list[tuple[Tensor, Tensor]]:
+        """conj(kappa) of every order: real parts (G, E, r, M) of r mixtures, imaginary ones (G, E, s, M) of s."""
+        n_orders, size = len(self.factors), self.n_nodes * mixtures.loadings.shape[1]
         moments = self.to_rings.new_zeros(n_orders, len(self.to_rings), size)
-        spread = self.spread(self.cells(places), mixtures)
-        for some in places.split(max(1, _BLOCK // (size * n_orders))):
-            there = torch.cat([next(spread) for _ in some]).view(-1, n_orders, size)
+        for some, there in self.spread(self.cells(torch.arange(self.n_places)), mixtures):
             near = torch.nonzero(self.to_rings[:, some].amax(1) > 0).ravel()
             rings = slice(int(near[0]), int(near[-1]) + 1)
-            for order, sums in enumerate(moments):
-                sums[rings].addmm_(self.to_rings[rings, some], there[:, order])
-        both = waves(self.zone, self.line)
+            for sums, of_order in zip(moments, there.flatten(2).unbind(1), strict=True):
+                sums[rings].addmm_(self.to_rings[rings, some], of_order)
+        cosines, sines = waves(self.zone, self.line)
         found = []
         for sums in moments.view(n_orders, len(self.to_rings), self.n_rows, self.line, -1).transpose(3, 4):
-            parts = mixtures.parts(sums, 2)
-            found.append(torch.cat([part @ wave.T for part, wave in zip(parts, both, strict=True)], 2))
+            even, odd = mixtures.parts(sums, 2)
+            found.append((even @ cosines.T, odd @ sines.T))
         return found
 
     def _values(self, cells: Tensor, mixtures: Mixtures) -> Tensor:
@@ -163,20 +170,21 @@ class GroupIntegrals:
         return values
 
     def _spread(
-        self, samples: HalfVectors, place: int, mixtures: Mixtures, values: Tensor, met: Tensor, side: Tensor
+        self, samples: HalfVectors, places: Tensor, mixtures: Mixtures, values: Tensor, met: Tensor, sides: Tensor
     ) -> Tensor:
-        """(E line, r + s): of one tilt, from pairs of cells met (S,), each from its side (S,)."""
-        lit = samples.weights[place] != 0
-        first, by_row = self.zone.elevation_splines(samples.beta[place, lit])
-        position = samples.delta[place, lit] * self.per_delta
-        by_delta, node = spline_weights(position), position.floor().long()
-        row = (first - self.first_row)[:, None] + torch.arange(SUPPORT)
-        nodes = row[..., None] * self.line + (node[:, None] + torch.arange(SUPPORT))[:, None]
-        weights = samples.weights[place, lit, None, None] * by_row[..., None] * by_delta[:, None]
-        bags = Bags.of(nodes.flatten(1).int(), weights.flatten(1).float(), self.n_rows * self.line)
+        """(Q, E line, r + s): of one tilt at places (Q,), from pairs of cells met (Q, S), each from its side (Q, S)."""
+        lit = samples.weights[places] != 0
+        weight, beta, delta = (of_samples[places][lit] for of_samples in (samples.weights, samples.beta, samples.delta))
+        first, by_row = self.zone.elevation_splines(beta)
+        position = delta * self.per_delta
+        place, steps = torch.nonzero(lit)[:, 0], torch.arange(SUPPORT, dtype=torch.int32)
+        node = (place * self.n_nodes + (first - self.first_row) * self.line + position.floor().long()).int()
+        nodes = node[:, None] + (steps[:, None] * self.line + steps).ravel()
+        shares = (weight[:, None] * by_row)[..., None] * spline_weights(position)[:, None]
+        bags = Bags.of(nodes, shares.flatten(1).float(), len(places) * self.n_nodes)
         seen = values.index_select(0, met[lit])
-        mixtures.parts(seen, 1)[1].mul_(side[lit, None])
-        return bags.sums(seen)
+        mixtures.parts(seen, 1)[1].mul_(sides[lit][:, None])
+        return bags.sums(seen).unflatten(0, (len(places), -1))
 
 
 def perspective_terms() -> list[object]:
