@@ -151,6 +151,15 @@ class TestSideBySide:
         assert [threads for _, threads in found] == [1, 1]
         assert torch.get_num_threads() == 2
 
+    def test_this_thread_is_one_of_them(self):
+        together = threading.Barrier(2, timeout=30)
+
+        def where(_: int) -> int:
+            together.wait()
+            return threading.get_ident()
+
+        assert threading.get_ident() in side_by_side(where, range(2))
+
     @pytest.mark.parametrize("parts", [[], [3]])
     def test_nothing_begins_a_thread_for_one_part(self, parts):
         here = threading.get_ident()

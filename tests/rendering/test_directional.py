@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from torchbrdf.brdf.merl import MerlTable
-from torchbrdf.rendering.directional import render_directional, to_local
+from torchbrdf.rendering.directional import directional_pictures, render_directional, to_local
 from torchbrdf.view.normal_map import NormalMapView
 from torchbrdf.view.sphere import SphereView
 
@@ -49,6 +49,14 @@ def test_it_returns_f_r_times_the_cosine():
     image = render_directional(table, one_pixel(normal.tolist()), direction=3 * light)
     expected = (0.1 + 0.5 * cos_i * cos_o) * cos_i * torch.tensor([1.0, 2.0, 3.0])
     assert torch.allclose(image[:, 0, 0], expected.float(), rtol=5e-3)
+
+
+def test_several_tables_look_as_each_does_alone(matte):
+    gloss = MerlTable.from_function(lambda w_i, w_o: (w_i[..., 2:] * w_o[..., 2:] ** 2).expand(*w_i.shape[:-1], 3))
+    view = SphereView(24)
+    pictures = directional_pictures([matte, gloss], view, 60.0, irradiance=2.0)
+    for picture, table in zip(pictures, (matte, gloss), strict=True):
+        assert torch.equal(picture, render_directional(table, view, 60.0, irradiance=2.0))
 
 
 def test_the_angle_turns_about_y_towards_image_right(matte):

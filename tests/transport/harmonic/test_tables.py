@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -15,7 +16,7 @@ from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.tables import render, render_tables
 from torchbrdf.transport.harmonic._seen_tables import SeenTable
-from torchbrdf.transport.harmonic._table_kernels import EXACT
+from torchbrdf.transport.harmonic._table_kernels import EXACT, SHOWN, reflections
 from torchbrdf.transport.harmonic.tables import table_pictures
 from torchbrdf.view.sphere import SphereView
 from torchbrdf.view.view import View
@@ -86,6 +87,22 @@ def test_a_table_that_is_shown_again_looks_the_same() -> None:
     once = [render(table_of(swirl), light, SPHERE) for light in lights]
     again = [render(table, light, SPHERE) for light in lights]
     assert max(relative(mine, other) for mine, other in zip(again, once, strict=True)) < 1e-5
+
+
+def test_half_vectors_are_read_as_they_were_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those for pictures that are only looked at are kept, of an orthographic camera."""
+    monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path))
+    lights = [(lamps(32), None)]
+    pictures = []
+    for _ in range(2):
+        reflections.cache_clear()
+        pictures.append(table_pictures(table_of(swirl), lights, SPHERE, SHOWN))
+    zones = len(SHOWN.zones) - SeenTable.of(table_of(swirl)).merged
+    assert torch.equal(*pictures)
+    assert len(list((tmp_path / "reflections").iterdir())) == zones
+    assert relative(pictures[0][0], render(table_of(swirl), lights[0][0], SPHERE)) < 1e-2
+    table_pictures(table_of(swirl), lights, SphereView(16, 15.0), SHOWN)
+    assert len(list((tmp_path / "reflections").iterdir())) == zones
 
 
 def test_a_table_without_lobes_needs_no_zones_for_them() -> None:

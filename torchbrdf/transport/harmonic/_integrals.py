@@ -47,7 +47,7 @@ class Mixtures:
 
 @dataclass(frozen=True)
 class Cells:
-    """Pairs of cells that mirror each other, (N,) by the first of both, and which of them Q places across the rings meet.
+    """Pairs of cells that mirror each other, (N,) by their first, and which of them Q places across the rings meet.
 
     met    (Q, S) for every tilt
     sides  (Q, S) for every tilt: 1 where the first of the pair lies at delta > 0, else -1

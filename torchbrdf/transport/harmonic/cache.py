@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary, Part, StoredColumns, column_norms, columns_of
+from torchbrdf.brdf import MaterialLibrary, Part, StoredColumns, column_norms, columns_of, norm_settings
 from torchbrdf.files import OTHER_DISK, cache_folder, check_room, writing
 from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.progress import announce, progress_bar
@@ -40,6 +40,7 @@ _SUMMED = 512
 """Values of a block of the checksum, two in a word."""
 
 _in_memory: LastFew[str, HarmonicTransport] = LastFew(4)
+_norms: LastFew[str, Tensor] = LastFew(1)
 
 
 @lasting
@@ -158,7 +159,7 @@ def _assembled(stored: StoredColumns, perspective: bool, parts: Path | None, pro
     groups: list[Kernels] = []
     orders = (1, 2) if perspective else (0,)
     everything = [(zone, rings) for zone in zones() for rings in zone.groups]
-    norms = column_norms(stored)
+    norms = _norms.get_or_make(f"{stored.fingerprint} {norm_settings()}", lambda: column_norms(stored))
     for i, (zone, rings) in enumerate(progress_bar(everything, desc=_called(perspective), shown=progress)):
         part = None if parts is None else parts / f"{i}.safetensors"
         known = None if part is None else _read(part)
