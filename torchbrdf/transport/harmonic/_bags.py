@@ -23,8 +23,9 @@ class Bags:
     @classmethod
     def of(cls, node: Tensor, share: Tensor, nodes: int) -> "Bags":
         """Of samples that are spread to k nodes each: node (N, k) int32, share (N, k) float32."""
-        sorted_nodes, order = node.ravel().sort(stable=True)
-        ends = torch.searchsorted(sorted_nodes, torch.arange(nodes + 1, dtype=torch.int32), out_int32=True)
+        order = node.ravel().argsort(stable=True)
+        ends = torch.zeros(nodes + 1, dtype=torch.int32)
+        ends[1:] = torch.bincount(node.ravel(), minlength=nodes).cumsum(0)
         return cls((order // node.shape[1]).int(), share.ravel()[order], ends)
 
     def sums(self, values: Tensor) -> Tensor:
