@@ -7,15 +7,13 @@ import pytest
 
 from coarse_grids import QUARTER_GRID, computed_on
 from torchbrdf.brdf.library import MaterialLibrary
-from torchbrdf.lasting import LastFew
 from torchbrdf.transport.harmonic.cache import transport_of
 
 
 @pytest.fixture(scope="module")
 def quarter_grid() -> Iterator[None]:
-    """QUARTER_GRID in the place of the grid at work; what is in memory of the same library on another stays apart."""
-    with computed_on(QUARTER_GRID) as patch:
-        patch.setattr("torchbrdf.transport.harmonic.cache._in_memory", LastFew(4))
+    """QUARTER_GRID in the place of the grid at work."""
+    with computed_on(QUARTER_GRID):
         yield
 
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.arguments import check_types
-from torchbrdf.brdf import GRID, N_CELLS, MerlTable, above_horizon, cell_centres, nearest_measured
+from torchbrdf.brdf import GRID, N_CELLS, MerlTable, above_horizon, cell_centres, mirrored_cells, nearest_measured
 from torchbrdf.light import LightProbe
 from torchbrdf.transport import plan_transport
 from torchbrdf.view import View
@@ -84,8 +84,8 @@ class CellTransport:
 
     def values(self, table: MerlTable) -> Tensor:
         """(M, 3): f_r of a table in our cells, the mean of MERL's cell and of that at 180 degrees - phi_d."""
-        filled, phi_d = table.filled.detach().cpu(), self.cells % GRID[2]
-        return (filled[self.cells] + filled[self.cells - phi_d + (GRID[2] - 1 - phi_d)]) / 2
+        filled = table.filled.detach().cpu()
+        return (filled[self.cells] + filled[mirrored_cells(self.cells)]) / 2
 
     def render(self, f_r: Tensor) -> Tensor:
         """(*batch, P, 3) radiance of f_r (*batch, M, 3) in 1/sr, float32; differentiable."""

@@ -32,6 +32,7 @@ from .merl_grid import (
     cell_centres as cell_centres,
     cell_index as cell_index,
     measured_share as measured_share,
+    mirrored_cells as mirrored_cells,
 )
 from .metrics import (
     METRICS as METRICS,

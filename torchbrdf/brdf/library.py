@@ -289,11 +289,18 @@ class MaterialLibrary:
             common &= mask
         return _unpacked(common), len(masks) > 0 and bool((masks == common).all())
 
-    def rows(self, cells: Tensor | slice) -> Tensor:
-        """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured."""
+    def rows(self, cells: Tensor | slice, keep: bool = True) -> Tensor:
+        """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured.
+
+        keep  False: the columns leave the memory of this process; beside those of a few cells here and there the
+              system maps what lies around them, 150 MB for 2,000
+        """
         columns = self.column_index
         scale = self.stored.scale[columns].to(self.stored.columns.device, torch.float32)
-        return self.stored.columns[cells].float()[:, columns] * scale
+        rows = self.stored.columns[cells].float()[:, columns] * scale
+        if not keep:
+            self.stored.release()
+        return rows
 
     def map_rows(self, function: Callable[[Tensor], Tensor]) -> Tensor:
         """(90, 90, 180, 3) float32: what a function of the rows of B gives in every cell, a block of cells at a time.

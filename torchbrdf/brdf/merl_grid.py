@@ -51,3 +51,8 @@ def cell_index(theta_h: Tensor, theta_d: Tensor, phi_d: Tensor) -> Tensor:
     coordinates = zip(grid_coordinates(theta_h, theta_d, phi_d), GRID, strict=True)
     h, d, p = (c.to(torch.int32).clamp_(0, n - 1) for c, n in coordinates)
     return (h * GRID[1] + d) * GRID[2] + p
+
+
+def mirrored_cells(cells: Tensor) -> Tensor:
+    """The flat indices of the cells at -phi_d: of the pairs of directions that the plane of incidence mirrors."""
+    return cells + (GRID[2] - 1) - 2 * (cells % GRID[2])

@@ -190,8 +190,7 @@ def observability(
     if library is not None:
         p = int((phi_d - PHI_D * pi / 180).abs().argmin())
         cells = ((h[:, None] * GRID[1] + d) * GRID[2] + p).ravel()
-        shares = removed(library.rows(cells).to(even))
-        library.stored.release()  # the system maps pages around those that are wanted, too: 150 MB
+        shares = removed(library.rows(cells, keep=False).to(even))
         seen = torch.where(above_horizon().ravel()[cells], shares.cpu(), torch.nan).reshape(len(h), len(d))
     return Observability(
         noise=noise,

@@ -6,7 +6,7 @@ from math import radians
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID, MaterialLibrary, cell_centres
+from torchbrdf.brdf import GRID, N_CELLS, MaterialLibrary, cell_centres
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_basis
@@ -77,9 +77,8 @@ def relative_spread(deviation: Tensor, radiance: Tensor) -> Tensor:
 
 def retroreflection_rows(library: MaterialLibrary) -> Tensor:
     """(90, n) float64: every basis BRDF over theta_h in the first row of theta_d, mean over phi_d."""
-    columns = library.stored.columns.view(*GRID, -1)[:, 0].float().mean(1).cpu().double()
-    library.stored.release()
-    return (columns * library.stored.scale)[:, library.column_index]
+    cells = torch.arange(0, N_CELLS, GRID[1] * GRID[2])[:, None] + torch.arange(GRID[2])
+    return library.rows(cells.ravel(), keep=False).unflatten(0, (GRID[0], GRID[2])).mean(1).cpu().double()
 
 
 def highlight_row(rows: Tensor) -> Tensor:

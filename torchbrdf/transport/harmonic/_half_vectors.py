@@ -16,7 +16,7 @@ class HalfVectors:
 
     kernel   (Q, S)     cos(theta_i) times the zone's window
     weights  (Q, S)     the same times the measure of the light
-    cells    (Q, S)     cells of the pair for delta > 0; that of its mirror image is `mirrored`
+    cells    (Q, S)     cells of the pair for delta > 0; that of its mirror image is the mirrored cell
     beta, delta  (Q, S)  of the light, delta in [0, pi]
     """
 
@@ -57,8 +57,3 @@ def half_vectors(zone: Zone, gamma: Tensor, tilt: Tensor, n: int) -> HalfVectors
     angles = half_difference(local_i, local_o)
     theta_h = theta_h.ravel().expand_as(angles[0])
     return HalfVectors(kernel, weights, cell_index(theta_h, *angles[1:]), beta, delta)
-
-
-def mirrored(cells: Tensor) -> Tensor:
-    """Of cells those at -phi_d."""
-    return cells + (GRID[2] - 1) - 2 * (cells % GRID[2])

@@ -11,9 +11,9 @@ from math import pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import StoredColumns, lower_gram
+from torchbrdf.brdf import StoredColumns, lower_gram, mirrored_cells
 from torchbrdf.transport.harmonic._bags import Bags
-from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors, mirrored
+from torchbrdf.transport.harmonic._half_vectors import HalfVectors, half_vectors
 from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
@@ -99,7 +99,7 @@ class GroupIntegrals:
     def cells(self, places: Tensor) -> Cells:
         """Those that some places (Q,) meet."""
         met = [samples.cells[places] for samples in self.samples]
-        there = [mirrored(some) for some in met]
+        there = [mirrored_cells(some) for some in met]
         first = [torch.minimum(*both) for both in zip(met, there, strict=True)]
         cells, index = torch.unique(torch.cat([some.ravel() for some in first]), return_inverse=True)
         parts = index.split([some.numel() for some in met])
@@ -118,7 +118,7 @@ class GroupIntegrals:
         n = self.stored.columns.shape[1]
         found = torch.zeros(n, n, dtype=torch.float64)
         for some, share in zip(cells.split(_PAIRS_AT_ONCE), power.split(_PAIRS_AT_ONCE), strict=True):
-            for cell in (some, mirrored(some)):
+            for cell in (some, mirrored_cells(some)):
                 rows = self.stored.columns[cell].double() * share.sqrt()[:, None]
                 found += lower_gram(rows.T)
         return self.stored.scale[:, None] * found * self.stored.scale
@@ -163,7 +163,7 @@ class GroupIntegrals:
         values = loadings.new_empty(len(cells), loadings.shape[1])
         even, odd = mixtures.parts(loadings, 1)
         for some, found in zip(cells.split(_PAIRS_AT_ONCE), values.split(_PAIRS_AT_ONCE), strict=True):
-            one, other = (self.stored.columns[cell].float() for cell in (some, mirrored(some)))
+            one, other = (self.stored.columns[cell].float() for cell in (some, mirrored_cells(some)))
             sums, differences = mixtures.parts(found, 1)
             torch.mm(one + other, even, out=sums)
             torch.mm(one.sub_(other), odd, out=differences)

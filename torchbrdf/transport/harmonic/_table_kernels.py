@@ -15,10 +15,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID
+from torchbrdf.brdf import GRID, mirrored_cells
 from torchbrdf.lasting import lasting, on_disk
 from torchbrdf.transport.harmonic._bags import Bags
-from torchbrdf.transport.harmonic._half_vectors import mirrored
 from torchbrdf.transport.harmonic._waves import PLACES, waves
 from torchbrdf.transport.harmonic.grid import Zone, settings, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT, spline_weights
@@ -134,7 +133,7 @@ class Reflections:
         """
         seen = values.index_select(0, self.cell)
         if not symmetric:
-            there = values.index_select(0, mirrored(self.cell))
+            there = values.index_select(0, mirrored_cells(self.cell))
             seen = torch.cat([seen + there, seen - there], 1).mul_(0.5)
         nodes = self._nodes(seen)
         return [

@@ -57,7 +57,7 @@ def transport_of(library: MaterialLibrary, progress: bool = False, perspective: 
         kernels = tuple(group.to(device) for group in _kernels_of(stored, perspective, progress))
         return replace(transport_of(library, progress), added=kernels) if perspective else HarmonicTransport(kernels)
 
-    return _in_memory.get_or_make(f"{stored.fingerprint} {device} {perspective}", opened)
+    return _in_memory.get_or_make(f"{_path(stored, perspective).stem} {device}", opened)
 
 
 def is_precomputed(library: MaterialLibrary, perspective: bool = False) -> bool:
