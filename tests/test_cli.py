@@ -221,9 +221,8 @@ def test_demo_recovers_a_material_that_it_does_not_know(default_library, capsys,
 def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys, tmp_path, monkeypatch):
     """`fit` on a photograph of a library material, padded and masked, finds the ball and explains it.
 
-    The report, which takes longer than all the rest, is that of the demo; no other ball than is given is looked for.
+    The report, which takes longer than all the rest, is that of the demo.
     """
-    monkeypatch.setattr("torchbrdf.commands._sight.another", lambda *_: None)
 
     def write(path, *_, **__):
         path.write_text("")

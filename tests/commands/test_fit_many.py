@@ -56,14 +56,9 @@ def fit(
     precomputed_library: object,
     precomputed_directory: Path,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ):
-    """Runs the command, without reports but for `--report`: its exit status, and the lines of stdout and stderr.
-
-    Whether a photograph shows another ball than its mask, which takes long, see test_fit_says.py.
-    """
-    monkeypatch.setattr("torchbrdf.commands._sight.another", lambda *_: None)
+    """Runs the command, without reports but for `--report`: its exit status, and the lines of stdout and stderr."""
 
     def run(*words: object, out: Path | None = None) -> tuple[int, list[str], list[str]]:
         report = [] if "--report" in words else ["--no-report"]

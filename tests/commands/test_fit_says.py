@@ -56,11 +56,9 @@ def fit(
 ):
     """Runs the command: its exit status, and the lines of stdout and stderr.
 
-    The photographs are without perspective, so what is said of a camera that is not known would be wrong. They are not
-    searched for another ball than is given, which takes longer than the fit.
+    The photographs are without perspective, so what is said of a camera that is not known would be wrong.
     """
     monkeypatch.setattr("torchbrdf.commands._lit_sight.doubts_of_sight", lambda *_: [])
-    monkeypatch.setattr("torchbrdf.commands._sight.another", lambda *_: None)
 
     def run(photo: Path, *more: object) -> tuple[int, list[str], list[str]]:
         tb.write_image(tmp_path / "probe.exr", tb.LightProbe.default(64).radiance, {"rows": "poles"})

@@ -18,12 +18,6 @@ SUN = torch.nn.functional.normalize(torch.tensor([0.6, 0.5, 0.6], dtype=torch.fl
 CIRCLE = tuple(f"{each:.3f}" for each in BALL.circle)
 
 
-@pytest.fixture(autouse=True)
-def nothing_else_seen(monkeypatch):
-    """Whether the photograph shows another ball than is given takes longer than all the rest; see test_fit_says.py."""
-    monkeypatch.setattr("torchbrdf.commands._sight.another", lambda *_: None)
-
-
 @pytest.fixture(scope="module")
 def chrome(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("photograph") / "chrome.exr"
