@@ -99,8 +99,9 @@ class GramSum:
             self.gram[known[:, None], self._others] += product[:, known].T
 
     def _rows(self, halves: Tensor, exact: Tensor, some: Tensor) -> Tensor:
+        """Some cells of all columns; in the new ones' own precision where there are no others."""
         if len(self.fresh) == halves.shape[1]:
-            return exact[some].double()
+            return exact[some]
         rows = halves[some].double()
         rows[:, self.fresh] = exact[some].double()
         return rows
