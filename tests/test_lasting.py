@@ -1,13 +1,15 @@
 """What lasts longer than a call."""
 
 import copy
+import sys
 from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
-from torchbrdf.lasting import LastFew, LastMade, lasting, on_disk
+from torchbrdf.lasting import LastFew, LastMade, lasting, lasting_graph, on_disk
+from torchbrdf.sweep import side_by_side
 
 
 def test_what_is_made_in_inference_mode_enters_graphs_later():
@@ -33,6 +35,37 @@ def test_what_cannot_be_made_costs_nothing_that_was():
     with pytest.raises(ZeroDivisionError):
         kept.get_or_make("b", lambda: 1 / 0)
     assert dict(kept) == {"a": 1}
+
+
+def test_several_threads_share_the_last_few():
+    """Each may be the one that makes room, and what another asked for may go in between."""
+    kept = LastFew(1)
+
+    def ask(thread: int) -> bool:
+        keys = [(thread * i) % 5 for i in range(20_000)]
+        return all(kept.get_or_make(key, lambda key=key: -key) == -key for key in keys)
+
+    with torch.no_grad():
+        threads, before = torch.get_num_threads(), sys.getswitchinterval()
+        torch.set_num_threads(4)
+        sys.setswitchinterval(1e-6)
+        try:
+            assert all(side_by_side(ask, [1, 2, 3, 4]))
+        finally:
+            torch.set_num_threads(threads)
+            sys.setswitchinterval(before)
+
+
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode, torch.enable_grad])
+@pytest.mark.parametrize("wanted", [False, True])
+def test_a_graph_lasts_where_it_is_wanted(mode: type, wanted: bool):
+    source = torch.ones(2).requires_grad_(wanted)
+    with mode(), lasting_graph(source):
+        made = 2 * source
+    assert made.requires_grad == wanted
+    weights = torch.ones(2, requires_grad=True)
+    (weights * made).sum().backward()
+    assert weights.grad.tolist() == [2, 2]
 
 
 class TestOnDisk:

@@ -5,10 +5,10 @@ And what is made alike every time, whatever torch is told around the call.
 
 import hashlib
 import json
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import wraps
-from typing import Generic, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
@@ -19,6 +19,9 @@ from torchbrdf.files import cache_folder, writing
 Key = TypeVar("Key", bound=Hashable)
 Made = TypeVar("Made")
 Arguments = ParamSpec("Arguments")
+
+_NOTHING: Any = object()
+"""Was made yet."""
 
 
 def without_autocast(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
@@ -40,8 +43,16 @@ def lasting(make: Callable[..., Made]) -> Callable[..., Made]:
     return torch.inference_mode(False)(torch.no_grad()(without_autocast(make)))
 
 
+@contextmanager
+def lasting_graph(source: Tensor) -> Iterator[None]:
+    """What is made of a tensor here lasts, with its graph where the tensor requires gradients, and is no other where
+    it is first needed in `torch.no_grad` or `torch.inference_mode`."""
+    with torch.inference_mode(False), torch.set_grad_enabled(source.requires_grad):
+        yield
+
+
 class LastFew(dict[Key, Made]):
-    """What was made last, by what it was made of: at most `count` of them."""
+    """What was made last, by what it was made of: at most `count` of them, for several threads."""
 
     def __init__(self, count: int) -> None:
         """Nothing is made yet."""
@@ -50,12 +61,13 @@ class LastFew(dict[Key, Made]):
 
     def get_or_make(self, key: Key, make: Callable[[], Made]) -> Made:
         """What was made of a key; else it is made now, in the place of the oldest where there are enough."""
-        if key not in self:
+        made = self.get(key, _NOTHING)
+        if made is _NOTHING:
             made = make()
-            while len(self) >= self.count:
-                del self[next(iter(self))]
+            for oldest in list(self)[: max(0, len(self) - self.count + 1)]:
+                self.pop(oldest, None)  # another thread may have
             self[key] = made
-        return self[key]
+        return made
 
 
 def on_disk(kind: str, depends: Sequence[object], make: Callable[[], dict[str, Tensor]]) -> dict[str, Tensor]:

@@ -326,6 +326,21 @@ class TestNearestMeasured:
             assert values.grad is not None
             assert float(values.grad.sum()) == 3 * CELLS
 
+    def test_gradients_flow_after_a_look_without_and_more_than_once(self):
+        values = torch.ones(*SHAPE, 3, requires_grad=True)
+        table = MerlTable(values, above_horizon())
+        with torch.no_grad():
+            assert not table.filled.requires_grad
+        for times in (1, 2):
+            table.filled.sum().backward()
+            assert float(values.grad.sum()) == 3 * CELLS * times
+
+    def test_what_is_written_into_a_table_is_seen(self):
+        table = MerlTable(torch.ones(*SHAPE, 3), above_horizon())
+        assert table.filled is table.filled
+        table.values.mul_(2)
+        assert bool((table.filled == 2).all())
+
     def test_of_whole_tables_is_read_from_the_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setenv("TORCHBRDF_CACHE", str(tmp_path))
         monkeypatch.setattr(merl, "_nearest_above_horizon", merl._nearest_above_horizon.__wrapped__)

@@ -460,15 +460,16 @@ class TestReports:
 
 
 class TestSameMaterial:
+    @pytest.mark.parametrize("options", [(), ("--robust",)])
     def test_is_what_the_estimator_makes_of_both(
-        self, fit: Fit, photos: Path, probe: Path, tmp_path: Path, photographs: dict[str, Tensor]
+        self, fit: Fit, photos: Path, probe: Path, tmp_path: Path, photographs: dict[str, Tensor], options: tuple[str]
     ):
         """The same ball twice, the second time brighter under a brighter light."""
         tb.write_image(photos / "again.exr", 2 * photographs["paint"])
         tb.LightProbe.default(64).scaled(2).save(tmp_path / "bright.exr")
         status, lines, _ = fit(
             photos / "paint.exr", photos / "again.exr", "--same-material",
-            "--probe", probe, "--probe", tmp_path / "bright.exr",
+            "--probe", probe, "--probe", tmp_path / "bright.exr", *options,
         )  # fmt: skip
         assert status == 0
         out = tmp_path / "out"

@@ -108,6 +108,12 @@ def test_the_numbers_are_those_of_the_pictures(comparison, tables, text):
     assert np.abs(shown - expected)[view.mask[0].numpy()].max() < 0.6 / 255
 
 
+def test_tables_that_gradients_are_wanted_of(tables, tmp_path):
+    learned = MerlTable(tables[0].values.clone().requires_grad_(), tables[0].valid, "learned")
+    write_comparison(tmp_path / "page.html", compared([learned, tables[1]]))
+    assert "learned" in (tmp_path / "page.html").read_text()
+
+
 def test_the_albedo_of_equal_tables_that_do_not_differ():
     white = MerlTable.from_function(lambert(0.8, 0.8, 0.74), "white")
     found = compared([white, white])

@@ -7,8 +7,8 @@ warped by a square root. phi_d covers [0, pi): reciprocity is phi_d -> phi_d + p
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -28,7 +28,7 @@ from torchbrdf.brdf.merl_grid import (
 )
 from torchbrdf.brdf.settings import AGAIN, RGL_SUFFIX
 from torchbrdf.files import existing_file, writing
-from torchbrdf.lasting import lasting, on_disk
+from torchbrdf.lasting import LastMade, lasting, on_disk
 
 CHANNEL_SCALE = (1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0)
 """A MERL file stores f_r / CHANNEL_SCALE for R, G and B."""
@@ -90,6 +90,7 @@ class MerlTable:
     values: Tensor
     valid: Tensor
     name: str = "unnamed"
+    _filled: LastMade[Tensor] = field(default_factory=LastMade, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the shapes; mark cells below the horizon as not measured."""
@@ -187,7 +188,7 @@ class MerlTable:
         valid  (90, 90, 180) bool, True where measured
         """
         table = cls(values, valid, name)
-        table.__dict__["filled"] = values.reshape(N_CELLS, 3)
+        table._filled.get_or_make([values], lambda: values.detach().reshape(N_CELLS, 3))
         return table
 
     @classmethod
@@ -234,9 +235,15 @@ class MerlTable:
                 plane.clamp_min_(0).masked_fill_(unmeasured, -1.0)
                 plane.contiguous().numpy().astype("<f8", copy=False).tofile(file)
 
-    @cached_property
+    @property
     def filled(self) -> Tensor:
-        """(N_CELLS, 3) values with each unmeasured cell replaced by its nearest measured one."""
+        """(N_CELLS, 3) values with each unmeasured cell replaced by its nearest measured one; made once, or anew for
+        gradients."""
+        if self.values.requires_grad and torch.is_grad_enabled():
+            return self._fill()
+        return self._filled.get_or_make([self.values], lasting(self._fill))
+
+    def _fill(self) -> Tensor:
         return self.values.reshape(N_CELLS, 3)[nearest_measured(self.valid).to(self.values.device)]
 
     def lookup(self, w_i: Tensor, w_o: Tensor, interpolation: Interpolation = "nearest") -> Tensor:

@@ -70,7 +70,7 @@ class StoredColumns:
         """Some of the materials, in memory."""
         which = columns_of(materials)
         names, scale = tuple(self.names[i] for i in materials), self.scale[which]
-        columns = torch.cat([rows[:, which] for _, rows in self.blocks(ROW_CELLS, keep=False)])
+        columns = torch.cat([rows[:, which].cpu() for _, rows in self.blocks(ROW_CELLS, keep=False)])
         return StoredColumns(
             names, columns, scale, self.gram[which][:, which], self.valid[list(materials)],
             fingerprint_of(names, scale, columns),

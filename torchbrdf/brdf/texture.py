@@ -26,7 +26,7 @@ def brdf_texture(table: MerlTable) -> tuple[np.ndarray, float]:
     cells = (*GRID[:2], LAYERS, GRID[2] // LAYERS)
     valid = table.valid.cpu().reshape(*cells, 1).double()
     weights = torch.where(valid.sum(3, keepdim=True) > 0, valid, 1.0)
-    values = table.filled.cpu().double().reshape(*cells, 3).clamp_min(0)
+    values = table.filled.detach().cpu().double().reshape(*cells, 3).clamp_min(0)
     layers = (values * weights).sum(3) / weights.sum(3)
     scale = 2.0 ** (frexp(float(layers.max()))[1] - frexp(_LARGEST - 1)[1])
     return np.ascontiguousarray((layers / scale).permute(2, 1, 0, 3).numpy(), "<f2"), scale

@@ -18,5 +18,5 @@ def photographed(material: MerlTable, probe: LightProbe) -> Observation:
     """A simulated photograph of a ball, with noise."""
     view = SphereView(SIZE)
     clean = render(material, probe, view)
-    noise = torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(clean.shape, dtype=torch.float32, generator=torch.Generator().manual_seed(0))
     return Observation(clean * (1 + NOISE * noise), view.mask)

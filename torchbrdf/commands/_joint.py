@@ -84,7 +84,7 @@ def _solved(options: argparse.Namespace, inputs: Inputs, lits: Sequence[LitSight
     seen = [lit.observation for lit in lits]
     result = estimator([one.image for one in seen], [one.mask for one in seen])
     parts = [
-        result if options.robust else seen_in(result, i, one, basis)
+        replace(result, image=result.image[i]) if options.robust else seen_in(result, i, one, basis)
         for i, (one, basis) in enumerate(zip(seen, bases, strict=True))
     ]
     fits = [fit_of(*each) for each in zip(seen, parts, settings, strict=True)]

@@ -154,8 +154,8 @@ class BRDFEstimator(SharedBuffers):
         novel   basis images of the same library under another light, or under several
         """
         frames = Frames(tuple(mask.cpu() for mask in self.frames.masks))
-        lights = several("BRDFEstimator.rehearse", "novel", novel, BasisImages)
-        return rehearse(self.packed.cpu(), frames, lights, self.classes)
+        lights = [one.to("cpu") for one in several("BRDFEstimator.rehearse", "novel", novel, BasisImages)]
+        return rehearse(self.packed.cpu(), frames, lights, copy(self.classes).cpu())
 
     @without_autocast
     def observability(

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchbrdf.arguments import warn_of_lost_gradient
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, luminance, write_image
-from torchbrdf.lasting import without_autocast
+from torchbrdf.lasting import lasting_graph, without_autocast
 from torchbrdf.light._blur import blur
 from torchbrdf.light._picture import KNOWN, LAMPS_KEY, ROWS_KEY, LightPicture, check_proportions
 from torchbrdf.light._procedural import studio_room
@@ -168,7 +168,8 @@ class LightProbe:
     @cached_property
     def lamps(self) -> Lamps | None:
         """What of the radiance may be clipped, by the file or the array that it came from; `open` looks by itself."""
-        return lamps_of(self._radiance, self.solid_angles, self._infinite)
+        with lasting_graph(self._radiance):
+            return lamps_of(self._radiance, self.solid_angles, self._infinite)
 
     @property
     def height(self) -> int:
@@ -193,7 +194,7 @@ class LightProbe:
         """
         return row_solid_angles(self.height, self.width, self.device)[:, None].expand(self.height, self.width)
 
-    @cached_property
+    @property
     def total_power(self) -> Tensor:
         """(3,) float64: the integral of the radiance over the sphere."""
         return (self._radiance.double() * self.solid_angles).sum(dim=(1, 2))
@@ -302,11 +303,9 @@ class LightProbe:
 
     def __repr__(self) -> str:
         """Size, range and mean, for people."""
-        bright = luminance(self._radiance.detach())
-        positive = bright[bright > 0]
-        mean = float(luminance(self.mean_radiance.detach()))
+        bright, mean = luminance(self._radiance.detach()), float(luminance(self.mean_radiance.detach()))
         device = "" if self.device.type == "cpu" else f", on {self.device}"
-        span = f"luminance {float(positive.min()):.3g} to {float(bright.max()):.4g}, mean {mean:.3g}"
+        span = f"luminance {bright[bright > 0].min():.3g} to {bright.max():.4g}, mean {mean:.3g}"
         return f"LightProbe({self._name!r}, {self.height} x {self.width}, {span}{device})"
 
     @cached_property

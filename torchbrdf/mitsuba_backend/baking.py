@@ -134,7 +134,7 @@ def bake_basis(
     """
     if samples < 2:
         raise ValueError(f"baking needs at least 2 samples a pixel, whose spread tells the error; got {samples}")
-    columns, scale = library.stored.columns, library.stored.scale
+    columns, scale = library.stored.columns.cpu(), library.stored.scale
     library.stored.prefetch()
     identity = f"{library.source} {probe.fingerprint} {view.fingerprint} {samples} {seed}"
     path = None if state is None else Path(state)

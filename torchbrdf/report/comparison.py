@@ -54,6 +54,7 @@ class Comparison:
         samples  light samples a pixel, the same for all tables
         Raises ValueError for fewer than two tables, and where a table cannot be shown or compared.
         """
+        tables = [MerlTable(table.values.detach().cpu(), table.valid.cpu(), table.name) for table in tables]
         names = [table.name for table in tables] if names is None else list(names)
         if len(tables) < 2 or len(names) != len(tables):
             raise ValueError(
@@ -62,10 +63,10 @@ class Comparison:
         if not bool((tables[0].values[tables[0].valid] > 0).any()):
             raise ValueError(f"{names[0]}: nothing differs relatively from a BRDF of 0; name another table first")
         for name, table in zip(names[1:], tables[1:], strict=True):
-            if not bool((table.valid.cpu() & tables[0].valid.cpu()).any()):
+            if not bool((table.valid & tables[0].valid).any()):
                 raise ValueError(f"{name}: no cell was measured both here and in {names[0]}: nothing can be compared")
         view = SphereView(size)
-        pictures = render_tables(list(tables), probe, view, samples).cpu()
+        pictures = render_tables(tables, probe, view, samples).cpu()
         exposure = exposure_for(pictures[0], view.mask)
         differences = [
             BRDFDifference.of(table, tables[0], (image, pictures[0]), view.mask, exposure)

@@ -70,7 +70,7 @@ class SphereView(View):
     @property
     def coverage(self) -> Tensor:
         """(1, H, W) float32: the share of each pixel inside the silhouette, to 0.05; 1 under the mask."""
-        place = torch.linspace(1 / self._n - 1, 1 - 1 / self._n, self._n)
+        place = torch.linspace(1 / self._n - 1, 1 - 1 / self._n, self._n, dtype=torch.float32)
         inside = (1 - torch.hypot(place[:, None], place)) * (self._n / 2)  # of the pixel's middle, in pixels
         return torch.where(self.mask, 1, (inside + 0.5).clamp(0, 1))
 

@@ -42,6 +42,22 @@ BETA = torch.linspace(0.1, pi - 0.1, 200, dtype=torch.float64)
 SMOOTH = probe_of(lambda d: 1 + 0.5 * d[..., 0] * d[..., 1] + 0.3 * d[..., 2] ** 3 + 0.4 * d[..., 1], 64)
 
 
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+@pytest.mark.parametrize("turned", [False, True])
+def test_gradients_flow_where_it_was_first_seen_without(mode: type, turned: bool) -> None:
+    """Those of what it is multiplied with, and where the radiance has some, of the radiance."""
+    rotation = turn(3, 0, 0) if turned else None
+    for radiance in (torch.ones(3, 16, 32), torch.ones(3, 16, 32, requires_grad=True)):
+        light = TurningLight(LightProbe(radiance))
+        with mode():
+            light.spectra(rotation)
+        weights = torch.ones((), requires_grad=True)
+        (weights * light.spectra(rotation)[0].abs().sum()).backward()
+        assert float(weights.grad) > 0
+        assert radiance.grad is None or bool((radiance.grad != 0).any())
+        assert (radiance.grad is not None) == radiance.requires_grad
+
+
 class TestClosedForms:
     def test_uniform(self) -> None:
         probe = LightProbe(torch.tensor([1.0, 2.0, 0.5])[:, None, None].expand(3, 32, 64))

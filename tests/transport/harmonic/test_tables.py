@@ -51,6 +51,13 @@ def test_uniform_light_shows_the_albedo() -> None:
     assert relative(picture, expected) < 1e-3
 
 
+def test_what_is_written_into_a_table_is_seen() -> None:
+    table, probe = table_of(lambert(*ALBEDO)), LightProbe(torch.ones(3, 32, 64))
+    before = render(table, probe, SPHERE)
+    table.values.mul_(2)
+    assert relative(render(table, probe, SPHERE), 2 * before) < 1e-6
+
+
 @pytest.mark.parametrize("f_r", [swirl, TINY_MATERIALS["copper-0.08"]], ids=["asymmetric", "close to a mirror"])
 def test_agrees_with_samples(f_r: Callable[[Tensor, Tensor], Tensor]) -> None:
     assert differs(f_r, SPHERE, lamps(64)) < MOST

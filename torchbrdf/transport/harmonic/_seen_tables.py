@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import GRID, MerlTable
-from torchbrdf.lasting import lasting
+from torchbrdf.lasting import LastMade, lasting
 from torchbrdf.transport.harmonic._table_kernels import Detail, Reflections
 from torchbrdf.transport.harmonic.grid import Zone
 
@@ -42,10 +42,8 @@ class SeenTable:
 
     @staticmethod
     def of(table: MerlTable) -> "SeenTable":
-        """Made once a table."""
-        if table not in _SEEN:
-            _SEEN[table] = _seen(table)
-        return _SEEN[table]
+        """Made once a table, as long as nothing is written into it."""
+        return _SEEN.setdefault(table, LastMade()).get_or_make([table.values], lambda: _seen(table))
 
     def show(self, detail: Detail, distance: float | None) -> None:
         """Tell what `kernels` are wanted for: those of a table that was shown alike just before are kept this time."""
@@ -74,7 +72,7 @@ class SeenTable:
         return [part[:frequencies] for part in kept[some]]
 
 
-_SEEN: "weakref.WeakKeyDictionary[MerlTable, SeenTable]" = weakref.WeakKeyDictionary()
+_SEEN: "weakref.WeakKeyDictionary[MerlTable, LastMade[SeenTable]]" = weakref.WeakKeyDictionary()
 
 _SHOWN_LAST: "weakref.WeakSet[SeenTable]" = weakref.WeakSet()
 """One at most: kernels take a hundred MB, so a program that shows many tables once keeps none."""

@@ -76,7 +76,7 @@ class HarmonicBasis:
         light = self._light_at(rotation)
         few = self.n if columns is None else len(columns)
         if few <= _FEW:
-            weights = torch.eye(self.n, dtype=torch.float32)[:, slice(None) if columns is None else columns]
+            weights = torch.eye(self.n, dtype=torch.float32, device=self.transport.device)[:, slice(None) if columns is None else columns]
             return self.transport.blended(light, self._facing, self._whole(weights))
         packed = self.transport.packed(light, self._facing, self._columns)
         return packed if columns is None else packed[columns]
@@ -147,6 +147,7 @@ class HarmonicBasis:
 
     def _whole(self, weights: Tensor) -> Tensor:
         """Weights (..., n, C) of this library's columns as weights of all stored ones."""
+        weights = weights.to(self.transport.device)
         if self._columns is None:
             return weights
         whole = weights.new_zeros(*weights.shape[:-2], len(self.transport.groups[0].mixing), weights.shape[-1])

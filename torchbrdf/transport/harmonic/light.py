@@ -7,7 +7,7 @@ from math import atan2, pi, radians, sin
 import torch
 from torch import Tensor
 
-from torchbrdf.lasting import LastFew, lasting
+from torchbrdf.lasting import LastFew, lasting, lasting_graph
 from torchbrdf.light import LightProbe, texel_coordinates
 from torchbrdf.transport.harmonic._bilinear import bilinear
 from torchbrdf.transport.harmonic.grid import Zone, zones
@@ -89,17 +89,22 @@ class TurningLight:
 
     @cached_property
     def _upright(self) -> "_Turned":
-        return self._seen(None)
+        with lasting_graph(self.probe.radiance):
+            return self._seen(None)
 
     def _turned(self, rotation: Tensor) -> "_Turned":
         """Remembered for the last rotation."""
         if rotation.requires_grad or self.probe.radiance.requires_grad:
             return self._seen(rotation)
-        return self._last.get_or_make(tuple(rotation.flatten().tolist()), lambda: self._seen(rotation))
+        return self._last.get_or_make(tuple(rotation.flatten().tolist()), lambda: lasting(self._seen)(rotation))
 
     @cached_property
     def _texels(self) -> Tensor:
         """(3, H, 2 H + 2) radiance; the first and the last column repeat the one at the other end."""
+        with lasting_graph(self.probe.radiance):
+            return self._padded()
+
+    def _padded(self) -> Tensor:
         finest = round(self.lines * _FINEST)
         probe = self.probe if self.probe.height <= finest else self.probe.resized(finest)
         radiance, blur = probe.radiance, _blur(probe.height, self.blur, str(probe.device))
