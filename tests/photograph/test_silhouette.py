@@ -157,6 +157,15 @@ def test_the_ball_of_a_mask_off_the_axis():
     assert find_ball(CAMERA, mask_of(ball)).circle == pytest.approx((180, 50, 30), abs=0.4)
 
 
+@pytest.mark.parametrize(("fov_deg", "size"), [(0.3, 96), (1, 96), (3, 96), (24, 1600)])
+def test_the_ball_of_a_mask_that_fills_a_narrow_cone(fov_deg: float, size: int):
+    """As well as in a wide one."""
+    camera = PinholeCamera.of_fov((size, size), fov_deg)
+    middle = size / 2 + 0.3
+    ball = find_ball(camera, mask_of(Ball.of_circle(camera, middle, middle, 32)))
+    assert ball.circle == pytest.approx((middle, middle, 32), abs=0.05)
+
+
 def test_a_ball_that_fills_the_photograph_is_on_the_axis():
     camera = PinholeCamera.of_fov((64, 64), 24)
     ball = find_ball(camera)

@@ -27,6 +27,9 @@ _LEAST_RIM, _LITTLE_RIM = 0.1, 0.5
 _LITTLE_FILL = 0.3
 _MUCH_BESIDE = 0.1
 _INVERTED_FILL = 0.85
+_UNITS = 1000
+"""Across what a smallest circle is sought around: OpenCV takes places in float32, and 1e-4 of a unit for nothing."""
+
 _CONES = 2
 """Times that the smallest cone is sought: each begins about the last, where a circle is nearly one."""
 
@@ -199,11 +202,13 @@ class _Marked:
 
 
 def _smallest_circle(places: np.ndarray) -> tuple[float, float, float]:
-    """x, y and radius of the smallest that holds all places (N, 2)."""
+    """x, y and radius of the smallest that holds all places (N, 2), to 1e-6 of its radius."""
     import cv2
 
-    (x, y), radius = cv2.minEnclosingCircle(places.astype(np.float32))
-    return float(x), float(y), float(radius)
+    low, high = places.min(0), places.max(0)
+    middle, unit = (low + high) / 2, max(float((high - low).max()), 1e-300) / _UNITS
+    (x, y), radius = cv2.minEnclosingCircle(((places - middle) / unit).astype(np.float32))
+    return float(middle[0] + unit * x), float(middle[1] + unit * y), unit * radius
 
 
 def _check(found: _Marked, mask: np.ndarray) -> None:
