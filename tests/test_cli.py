@@ -269,6 +269,14 @@ def test_an_input_is_not_written_over(capsys, tmp_path, monkeypatch, arguments):
     assert (tmp_path / "kept.exr").read_bytes() == b"an exposure"
 
 
+def test_a_table_of_an_input_folder_is_not_written_over(capsys, tmp_path):
+    (tmp_path / "brdf.binary").write_bytes(b"a table")
+    output = str(tmp_path / "brdf.binary")
+    assert main(["analytic", str(tmp_path), "--model", "ggx", "-o", output]) == 2
+    said = f"{output}: the output is an input, which would be lost; give the output another name"
+    assert capsys.readouterr().err == f"torchbrdf: error: {said}\n"
+
+
 def run_as_module(*words: str, stderr: int, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess:
     kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
     command = [sys.executable, "-m", "torchbrdf", *words]

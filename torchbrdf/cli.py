@@ -7,11 +7,11 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 
 import torchbrdf
 from torchbrdf import commands
-from torchbrdf.command_line import BAD_INPUT, WARNED, BadUsageError, exit_status, say
+from torchbrdf.brdf import TABLE_SUFFIXES
+from torchbrdf.command_line import BAD_INPUT, WARNED, BadUsageError, exit_status, inputs_of, say
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -84,15 +84,14 @@ def _load_torch() -> None:
 
 
 def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
-    """Raise ValueError where the output is a file that is read, whatever either is called."""
+    """Raise ValueError where the output is a file that is read, or a table of a folder that is, by any name."""
     output = getattr(options, "output", None) or getattr(options, "written", None)
     if output is None or not output.is_file():
         return
-    read = (value for name, value in vars(options).items() if name not in ("output", "written"))
-    for value in read:
-        for path in value if isinstance(value, list) else [value]:
-            if isinstance(path, str | Path) and Path(path).is_file() and output.samefile(path):
-                raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
+    table = output.suffix.lower() in TABLE_SUFFIXES
+    for path in inputs_of(options):
+        if output.samefile(path) or (table and output.parent.samefile(path)):
+            raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
 
 
 def parser(wanted: str | None = None) -> argparse.ArgumentParser:

@@ -459,6 +459,36 @@ class TestReports:
         }  # fmt: skip
 
 
+class TestInputsInTheOutput:
+    """A result takes the place of an earlier one, whose files go."""
+
+    @pytest.mark.parametrize("how", ["one", "batch", "together", "photograph", "library"])
+    def test_are_refused_and_stay(
+        self, fit: Fit, photos: Path, probe: Path, tmp_path: Path, precomputed_directory: Path, how: str
+    ):
+        out = tmp_path / "out"
+        folder = out / "paint" if how == "batch" else out
+        folder.mkdir(parents=True)
+        kept = folder / {"photograph": "fitted.exr", "library": "brdf.binary"}.get(how, "aligned_probe.exr")
+        source = {"photograph": photos / "paint.exr", "library": next(precomputed_directory.glob("*.binary"))}
+        shutil.copy(source.get(how, probe), kept)
+        given, options = [photos / "paint.exr"], ["--probe", kept]
+        if how in ("batch", "together"):
+            given.append(photos / "satin.exr")
+        if how == "together":
+            options.append("--same-material")
+        if how == "photograph":
+            given, options = [kept], ["--probe", probe]
+        if how == "library":
+            options = ["--probe", probe, "--library", out]
+        before = kept.read_bytes()
+        status, _, errors = fit(*given, *options)
+        said = f"{kept}: an input, which a result in this folder replaces or removes; name another"
+        assert (status, errors) == (2, [f"torchbrdf: error: {said}"])
+        assert kept.read_bytes() == before
+        assert [path for path in out.rglob("*") if path.is_file()] == [kept]
+
+
 class TestSameMaterial:
     @pytest.mark.parametrize("options", [(), ("--robust",)])
     def test_is_what_the_estimator_makes_of_both(

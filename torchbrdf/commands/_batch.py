@@ -17,6 +17,7 @@ from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
 from torchbrdf.commands._results import (
     WEIGHTS,
+    check_inputs_stay,
     failure,
     obsolete,
     products,
@@ -52,6 +53,8 @@ def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph], fin
     """
     if options.mask is not None:
         read_mask(options.mask)
+    for one in photographs:
+        check_inputs_stay(options, options.output / one.name)
     inputs = Inputs(options)
     if len({one.probe for one in photographs}) == 1:
         inputs.probe(photographs[0].probe)

@@ -7,7 +7,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from torchbrdf.brdf import RESULT, RESULT_STD, MerlTable, above_horizon
+from torchbrdf.brdf import RESULT, RESULT_STD, TABLE_SUFFIXES, MerlTable, above_horizon
+from torchbrdf.command_line import inputs_of
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._lit_sight import LitSight
 from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
@@ -88,6 +89,18 @@ def obsolete(folder: Path) -> list[str]:
     except (OSError, ValueError, KeyError, TypeError):
         return found
     return [*found, *(name for name in listed if isinstance(name, str) and Path(name).name == name)]
+
+
+def check_inputs_stay(options: argparse.Namespace, folder: Path, names: Sequence[str] = ()) -> None:
+    """Raise ValueError where an input is a file of a folder that a result replaces, or that goes with an earlier one.
+
+    names  as of `products`
+    """
+    given = inputs_of(options)
+    for file in map(folder.joinpath, {*products(options, names), *obsolete(folder)}):
+        table = file.suffix in TABLE_SUFFIXES
+        if file.is_file() and any(path.samefile(file) or (table and path.samefile(folder)) for path in given):
+            raise ValueError(f"{file}: an input, which a result in this folder replaces or removes; name another")
 
 
 def write_results(

@@ -230,7 +230,7 @@ def _caches(section: Section) -> None:
     section.add("free disk space", f"{_size(free)} at {anchor}")
     if free < SPARE_BYTES:
         section.problems.append(
-            f"only {_size(free)} free at {anchor}, and the embedded library takes 1.7 GB in the cache with its transport; "
+            f"only {_size(free)} free at {anchor}, and the embedded library and its transport take 1.7 GB there; "
             "delete something, or set TORCHBRDF_CACHE to a folder on another disk"
         )
 

@@ -78,6 +78,7 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._reconstruction import summary, weights_record
     from torchbrdf.commands._results import (
         WEIGHTS,
+        check_inputs_stay,
         in_words,
         obsolete,
         products,
@@ -89,6 +90,7 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     )
 
     files = products(options)
+    check_inputs_stay(options, options.output)
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
         with told_if_slow(f"reading {options.photo} and its light, and finding what they show"):

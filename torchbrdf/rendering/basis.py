@@ -28,10 +28,10 @@ def render_basis(
               else "sampled"
     samples   a pixel, on average over the view, at least 2; None for 4096. Not for "harmonic"
     adaptive  give the pixels that need it more samples than others; "sampled" only
-    They run on the device that holds the library's columns, "mitsuba" on the CPU. Only pixels under the view's mask are computed and only
-    cells that samples touch are read. "harmonic" is differentiable in the probe's radiance; the others warn where that
-    requires a gradient. Raises ValueError for an unknown backend, too few samples, a view that "harmonic" cannot take,
-    or arguments of other types.
+    They run on the device that holds the library's columns, "mitsuba" on the CPU. Only pixels under the view's mask are
+    computed and only cells that samples touch are read. "harmonic" is differentiable in the probe's radiance; the
+    others warn where that requires a gradient. Raises ValueError for an unknown backend, too few samples, a view that
+    "harmonic" cannot take, or arguments of other types.
     """
     check_types("tb.render_basis", library=(library, MaterialLibrary), probe=(probe, LightProbe), view=(view, View))
     if backend == "auto":

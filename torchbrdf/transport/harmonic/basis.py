@@ -76,7 +76,8 @@ class HarmonicBasis:
         light = self._light_at(rotation)
         few = self.n if columns is None else len(columns)
         if few <= _FEW:
-            weights = torch.eye(self.n, dtype=torch.float32, device=self.transport.device)[:, slice(None) if columns is None else columns]
+            chosen = slice(None) if columns is None else columns
+            weights = torch.eye(self.n, dtype=torch.float32, device=self.transport.device)[:, chosen]
             return self.transport.blended(light, self._facing, self._whole(weights))
         packed = self.transport.packed(light, self._facing, self._columns)
         return packed if columns is None else packed[columns]
