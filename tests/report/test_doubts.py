@@ -33,6 +33,14 @@ def test_without_a_report_they_are_those_of_the_report(tiny_library, penalty):
     assert doubts_of_result(result, basis, result.brdf(tiny_library)) == [str(doubt) for doubt in found]
 
 
+@pytest.mark.parametrize(("scale", "topic"), [(1, None), (1e-5, "too-dark"), (1e3, "too-bright")])
+def test_units_that_differ_show_in_how_much_is_reflected(tiny_library, scale, topic):
+    basis = render_basis(tiny_library, LightProbe.default(32), SphereView(12), samples=64)
+    result = BRDFEstimator(basis, MaterialClasses.single(tiny_library))(scale * basis.image("white"))
+    found = {doubt.topic for doubt in doubts_without_pictures(result, basis, result.brdf(tiny_library))}
+    assert found & {"too-dark", "too-bright"} == ({topic} if topic else set())
+
+
 def test_few_pixels_are_a_doubt(tiny_library):
     """Of those that show the shape, as the commands say."""
     view = SphereView(12)

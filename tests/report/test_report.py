@@ -272,7 +272,7 @@ def test_the_warnings(errors, weights, clamped, expected):
     )
     evidence = Evidence(
         photograph=None, used=None, found=candidates[0], candidates=candidates, chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4, 3),
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.full((4, 3), 0.5),
         weights=torch.tensor(weights, dtype=torch.float64)[:, None].expand(2, 3),
     )  # fmt: skip
     assert len(evidence.found_doubts) == len(expected)
@@ -302,7 +302,7 @@ def test_the_warnings_of_an_average(probabilities, typical, expected):
         photograph=None, used=None, found=SimpleNamespace(index=None, error=0.01, clamped=0.0, probability=None),
         candidates=candidates, chosen=int(np.argmax(probabilities)), names=("a",), channel_errors=(), turned=None,
         weights=torch.tensor([[16.0], [-15.0]]).double().expand(2, 3), directional={}, probes=None,
-        albedo=torch.zeros(4, 3),
+        albedo=torch.full((4, 3), 0.5),
         spread=Spread(torch.zeros(1), torch.zeros(1), torch.zeros(90, 3), torch.zeros(2, 3), typical),
         known=(Doubt("camera", "said before"),),
     )  # fmt: skip
@@ -368,7 +368,7 @@ def test_a_shape_with_few_normals_is_the_first_warning():
     candidate = SimpleNamespace(index=0, error=0.9, clamped=0.0, probability=None)
     evidence = Evidence(
         photograph=None, used=None, found=candidate, candidates=(candidate,), chosen=0, names=("a",),
-        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.zeros(4, 3),
+        channel_errors=(), turned=None, directional={}, probes=None, albedo=torch.full((4, 3), 0.5),
         distrust="the shape is a plane", weights=torch.ones(2, 3, dtype=torch.float64),
     )  # fmt: skip
     assert str(evidence.found_doubts[0]) == "The shape is a plane."

@@ -9,7 +9,8 @@ MOST = 2
 """Actions at once: who is told ten does none."""
 
 _CAPTURE: tuple[Topic, ...] = (
-    "normals", "camera", "clipped-light", "no-unit", "negative", "reflectance", "clipped", "too-bright", "unexplained",
+    "normals", "camera", "clipped-light", "no-unit", "negative", "reflectance", "clipped", "too-bright", "too-dark",
+    "unexplained",
 )  # fmt: skip
 _ORDER: tuple[Topic, ...] = (*_CAPTURE, "gloss", "shadow", "uncertain", "grazing", "dark-middle", "clamped")
 """Errors of the capture first, as more light does not mend them; then what the light leaves open, the worst first; then

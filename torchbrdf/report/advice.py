@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 Topic = Literal[
     "unexplained", "clipped", "clipped-light", "camera", "no-unit", "negative", "reflectance", "too-bright",
-    "uncertain", "normals", "gloss", "grazing", "shadow",
+    "too-dark", "uncertain", "normals", "gloss", "grazing", "shadow",
     "class", "oscillation", "clamped", "dark-middle",
 ]  # fmt: skip
 TOPICS: tuple[Topic, ...] = get_args(Topic)
@@ -159,6 +159,20 @@ ADVICE: dict[Topic, Advice] = {
         "multiply it by the square of its f-number. A grey card in both tells the factor. A mirror ball as the "
         "probe reflects 60 % of the light: `torchbrdf probe --mirror-reflectance 0.6`. `--align --exposure` finds a "
         "factor, roughly.",
+        "capture_guide.md#the-probe",
+        "Capture guide: the probe",
+    ),
+    "too-dark": Advice(
+        "Hardly any light comes out",
+        (
+            "bring photograph and probe to the same units, with exposure times, aperture and ISO of both",
+        ),
+        "The BRDF reflects less of the light than any ordinary material: black paint returns a twentieth, black "
+        "cloth a hundredth. The photograph is too dark for the probe: one of them was scaled, or exposed otherwise, or "
+        "is in other units. The BRDF is off by the same factor; its shape may be right.",
+        "As where more light comes out than goes in: take photograph and probe with one exposure, or divide each by "
+        "its exposure time, and by its ISO, and multiply it by the square of its f-number. A grey card in both tells "
+        "the factor. Only a coating made to trap light is as dark: then leave it.",
         "capture_guide.md#the-probe",
         "Capture guide: the probe",
     ),

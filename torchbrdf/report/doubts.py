@@ -19,6 +19,9 @@ LARGE_RESIDUAL = 0.05
 SMALL_MARGIN = 1.1
 """With a fixed penalty there is one where the second best class leaves less than this times the best's residual."""
 
+LITTLE_ALBEDO = 0.004
+"""Directional albedo at all angles below which there is one: black fabric, the darkest of the library, has 0.015."""
+
 SMALL_PROBABILITY = 0.5
 """With probabilities there is a warning where that of the most probable class is below this, so that the others
 together are more probable: three in ten of the measured photographs of docs/accuracy.md."""
@@ -158,6 +161,12 @@ def doubts(
             "too-bright",
             f"The result {too_much}: no material does. The photograph and the light probe are in different units; "
             "scale one of them."
+        )
+    if float(albedo.max()) < LITTLE_ALBEDO:
+        doubt(
+            "too-dark",
+            f"The result reflects {float(albedo.max()):.2g} of the light at most, less than black cloth does. The "
+            "photograph and the light probe are in different units; scale one of them."
         )
     best, second = classes[chosen], second_best(classes, chosen)
     if second is not None and best.probability is not None and best.probability < SMALL_PROBABILITY:

@@ -18,7 +18,7 @@ it in the median, whatever the capture's defect, and 1.7 times at most (docs/unc
 GOOD_RESIDUAL, FAIR_RESIDUAL = 0.03, 0.10
 """Of the photograph, at most. The standard deviation knows of a misfit; this is for misfits of kinds not tried."""
 
-SPOILS: frozenset[Topic] = frozenset({"normals", "reflectance", "too-bright", "uncertain"})
+SPOILS: frozenset[Topic] = frozenset({"normals", "reflectance", "too-bright", "too-dark", "uncertain"})
 """Warnings with which a result is poor."""
 
 HARMLESS: frozenset[Topic] = frozenset({"class", "clamped", "dark-middle"})
