@@ -56,6 +56,7 @@ from .stored_columns import (
     Part as Part,
     StoredColumns as StoredColumns,
     columns_of as columns_of,
+    unpacked as unpacked,
 )
 from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture

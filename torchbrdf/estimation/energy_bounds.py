@@ -14,6 +14,7 @@ from torchbrdf.brdf import (
     StoredColumns,
     above_horizon,
     albedo_rule,
+    unpacked,
 )
 
 _STEPS = (2, 3, 6)
@@ -60,8 +61,7 @@ class EnergyBounds:
         measured = torch.zeros(N_CELLS // 8, dtype=torch.uint8)
         for material in library.materials:
             measured |= stored.valid[material].cpu()
-        bits = (measured[:, None] >> torch.arange(7, -1, -1, dtype=torch.uint8)) & 1
-        usable = bits.bool().reshape(GRID) & above_horizon()
+        usable = unpacked(measured).reshape(GRID) & above_horizon()
         coarse = torch.zeros(GRID, dtype=torch.bool)
         coarse[:: _STEPS[0], :: _STEPS[1], :: _STEPS[2]] = True
         cells = torch.nonzero((coarse & usable).ravel()).ravel().to(device)
