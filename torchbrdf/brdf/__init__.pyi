@@ -33,6 +33,7 @@ from .merl_grid import (
     cell_index as cell_index,
     measured_share as measured_share,
     mirrored_cells as mirrored_cells,
+    row_edges as row_edges,
 )
 from .metrics import (
     METRICS as METRICS,

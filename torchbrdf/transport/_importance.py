@@ -12,7 +12,7 @@ from math import log2, pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID
+from torchbrdf.brdf import GRID, cell_centres
 from torchbrdf.light import LightStrata
 from torchbrdf.view import View
 
@@ -38,7 +38,7 @@ class Lobes:
     @classmethod
     def unknown(cls, device: torch.device) -> "Lobes":
         """For a first look: falls with theta_h, whatever the material."""
-        theta_h = _row_angles(device)
+        theta_h = cell_centres(torch.float32)[0].ravel().to(device)
         return cls._blurred(((theta_h + 0.02) ** -2.6)[:, None].expand(GRID[:2]))
 
     @classmethod
@@ -56,7 +56,7 @@ class Lobes:
     @classmethod
     def _blurred(cls, squared: Tensor) -> "Lobes":
         """Means of the squares over discs of half vectors, by quadrature; then their root."""
-        theta_h = _row_angles(squared.device)[:, None, None]
+        theta_h = cell_centres(torch.float32)[0].to(squared.device)
         rho = torch.sqrt((torch.arange(8, dtype=torch.float32, device=squared.device) + 0.5) / 8)[:, None]
         cos_phi = torch.cos((torch.arange(8, dtype=torch.float32, device=squared.device) + 0.5) * (pi / 8))
         levels = []
@@ -66,10 +66,6 @@ class Lobes:
             rows = (torch.sqrt(theta * (2 / pi)) * GRID[0]).long().clamp(0, GRID[0] - 1)
             levels.append(squared[rows.flatten(1)].mean(1).sqrt())
         return cls(torch.stack(levels).float().contiguous())
-
-
-def _row_angles(device: torch.device) -> Tensor:
-    return ((torch.arange(GRID[0], dtype=torch.float32, device=device) + 0.5) / GRID[0]).square() * (pi / 2)
 
 
 def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Tensor) -> Tensor:
