@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import GRID, cell_centres
 from torchbrdf.light import LightStrata
+from torchbrdf.transport._vectors import dot
 from torchbrdf.view import View
 
 _LEVELS = 6
@@ -79,7 +80,7 @@ def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Te
     points = view.surface(pixels, *corners[:, None].expand(2, len(pixels), 5))
     n, w_o = points.normals[..., :1], points.view_dirs[..., :1]
     spread = torch.acos((n * points.normals).sum(0).amin(1, keepdim=True).clamp(-1, 1))
-    cos_i, along = _with_axes(n, strata.axis), _with_axes(w_o, strata.axis)
+    cos_i, along = dot(n, strata.axis), dot(w_o, strata.axis)  # unlike a matrix product the same for every Q
     reach = 1.05 * spread + strata.radius
     above = (cos_i + reach).clamp_min_(0)
     cosine = torch.minimum(above, 2 * reach).square_().div_(4 * reach).add_((cos_i - reach).clamp_min_(0))
@@ -95,11 +96,6 @@ def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Te
     at = level.mul_(GRID[0]).add_(row).mul_(GRID[1]).add_(column)
     lobe = lobes.table.reshape(-1).index_select(0, at.reshape(-1)).view(cosine.shape)
     return lobe.mul_(cosine).mul_(strata.share.float())
-
-
-def _with_axes(vectors: Tensor, axes: Tensor) -> Tensor:
-    """(Q, K): dot products of (3, Q, 1) and (3, K); unlike a matrix product the same for every Q."""
-    return (vectors[0] * axes[0]).addcmul_(vectors[1], axes[1]).addcmul_(vectors[2], axes[2])
 
 
 def representatives(profiles: Tensor, energy: Tensor) -> Tensor:
