@@ -12,7 +12,6 @@ from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, fit_of, summary, weights_record
 from torchbrdf.commands._results import (
     WEIGHTS,
-    in_words,
     obsolete,
     products,
     say_doubts_of,
@@ -26,6 +25,7 @@ from torchbrdf.estimation import Reconstruction
 from torchbrdf.files import writing_folder
 from torchbrdf.photograph import Observation
 from torchbrdf.progress import told_if_slow
+from torchbrdf.report import in_words
 from torchbrdf.transport import BasisImages
 
 

@@ -78,7 +78,6 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._reconstruction import summary, weights_record
     from torchbrdf.commands._results import (
         WEIGHTS,
-        in_words,
         obsolete,
         products,
         say_doubts_of,
@@ -87,6 +86,7 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
         write_weights,
         written,
     )
+    from torchbrdf.report import in_words
 
     files = products(options)
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
