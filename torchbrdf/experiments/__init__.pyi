@@ -49,6 +49,7 @@ from .sweep_inputs import (
     SweepInputs as SweepInputs,
     light_under as light_under,
     open_library as open_library,
+    swept_probe as swept_probe,
     sweep_options as sweep_options,
 )
 from .tables import (
