@@ -49,8 +49,8 @@ from .sweep_inputs import (
     SweepInputs as SweepInputs,
     light_under as light_under,
     open_library as open_library,
-    swept_probe as swept_probe,
     sweep_options as sweep_options,
+    swept_probe as swept_probe,
 )
 from .tables import (
     Rows as Rows,
