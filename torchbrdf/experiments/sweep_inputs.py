@@ -59,7 +59,7 @@ def open_library(path: str, source: str) -> MaterialLibrary:
 
 
 def swept_probe(path: str, fingerprint: str) -> LightProbe:
-    """`default` or a file, as `open_probe` reads it. Raises ValueError where it is another than a sweep started with."""
+    """`default` or a file, as `open_probe` reads it. Raises ValueError where a sweep started with another."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the process that made the tasks has said it
         probe = LightProbe.default() if path == "default" else open_probe(path)
