@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball, PinholeCamera
-from torchbrdf.light.latlong import directions_at
 
 CAMERA = PinholeCamera.of_fov((120, 180), 30)
 BALL = Ball(CAMERA, (0.08, -0.01, -1.0), 8.0)
@@ -30,12 +29,6 @@ def room(d: Tensor) -> Tensor:
     away = torch.addmm(-widths.float(), d.reshape(-1, 3).float(), (widths[:, None] * places).T.float())
     lit = torch.exp(away.clamp_min(-40)) @ colours.float()  # smaller numbers are denormal, and slow
     return 0.1 + lit.reshape(d.shape)
-
-
-def texels(height: int) -> Tensor:
-    """(H, 2 H, 3): the directions of a lat-long map."""
-    y, x = torch.meshgrid(torch.arange(height), torch.arange(2 * height), indexing="ij")
-    return directions_at(x, y, height, 2 * height)
 
 
 def photographed(

@@ -10,6 +10,7 @@ from torchbrdf.light.probe import LightProbe
 
 
 def texel_directions(height: int) -> Tensor:
+    """(H, 2 H, 3): the directions of a lat-long map."""
     y, x = torch.meshgrid(torch.arange(height), torch.arange(2 * height), indexing="ij")
     return directions_at(x, y, height, 2 * height)
 

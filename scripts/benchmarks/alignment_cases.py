@@ -13,7 +13,7 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.experiments import Target, light_under, noisy_observations, open_library, without_relatives
 from torchbrdf.images import relative_rms
-from torchbrdf.light import rotation_vector
+from torchbrdf.light import rotation_angle, rotation_vector
 
 
 @lru_cache(maxsize=16)
@@ -77,7 +77,7 @@ def align_case(
     right, _ = photograph(Path(unturned) / observed / f"{material}.exr", noise, seed)
     kept = tb.align(right, light.probe, light.view, known)
     return {
-        "turned": degrees(float(rotation_vector(rotation).norm())),
+        "turned": degrees(rotation_angle(rotation)),
         "left": degrees(float(left.norm())),
         "uncertainty": found.uncertainty,
         "deviations": float((left @ torch.linalg.inv(found.covariance) @ left).sqrt()),

@@ -215,7 +215,7 @@ def compose(probe: Tensor, seed: int, size: tuple[int, int] = (480, 720)) -> Com
         along = rays @ centre
         inside = along**2 - distance**2 + 1 > 0
         if rng.random() < 0.5:
-            _stand(image, rays, d, alpha, focal, rng, inside)
+            _stand(image, rays, d, alpha, rng, inside)
         r_in = rays[inside]
         t = along[inside] - (along[inside] ** 2 - distance**2 + 1).clamp_min(0).sqrt()
         normals = normalize(t[:, None] * r_in - centre, dim=-1)
@@ -241,9 +241,7 @@ def _share_outside(d: Tensor, alpha: float, focal: float, size: tuple[int, int])
     return float(((x < 0) | (y < 0) | (x > size[1]) | (y > size[0])).mean())
 
 
-def _stand(
-    image: Tensor, rays: Tensor, d: Tensor, alpha: float, focal: float, rng: np.random.Generator, inside: Tensor
-) -> None:
+def _stand(image: Tensor, rays: Tensor, d: Tensor, alpha: float, rng: np.random.Generator, inside: Tensor) -> None:
     """A rod from below the ball to the lower border, which hides or meets the lowest part of the rim."""
     x = rays[..., 0] / -rays[..., 2] + float(d[0] / d[2])
     y = rays[..., 1] / -rays[..., 2] + float(d[1] / d[2])

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from torchbrdf import BRDFEstimator, LightProbe, MaterialClasses, MaterialLibrary, MeshView, NormalMapView, SphereView
 from torchbrdf.command_line import Parser
-from torchbrdf.experiments import SHARED
+from torchbrdf.experiments import SHARED, relative
 from torchbrdf.rendering import render_basis
 from torchbrdf.transport import DEFAULT_SAMPLES
 from torchbrdf.transport.harmonic import HarmonicBasis, transport_of, zones
@@ -92,7 +92,7 @@ def print_errors(
         reference, own = reference_of(library, probe, view, options.reference_samples)
 
         def row(what: str, seconds: float, found: Tensor, reference: Tensor = reference, name: str = name) -> None:
-            print(f"| {name} | {what} | {seconds:.3f} | {summary(errors_of(found, reference))} |", flush=True)
+            print(f"| {name} | {what} | {seconds:.3f} | {summary(relative(found, reference))} |", flush=True)
 
         def harmonic(probe: LightProbe = probe) -> Tensor:
             return render_basis(library, LightProbe(probe.radiance), view, "harmonic").packed
@@ -111,12 +111,7 @@ def reference_of(library: MaterialLibrary, probe: LightProbe, view: View, sample
     """Images (n, 3, P), and their relative errors (n,) as two seeds tell them."""
     twins = [render_basis(library, probe, view, "sampled", samples, 9000 + k).packed for k in range(2)]
     reference = (twins[0] + twins[1]) / 2
-    return reference, errors_of(twins[0], reference)
-
-
-def errors_of(found: Tensor, reference: Tensor) -> Tensor:
-    """(n,) relative RMS errors."""
-    return (found - reference).flatten(1).norm(dim=1) / reference.flatten(1).norm(dim=1)
+    return reference, relative(twins[0], reference)
 
 
 def summary(errors: Tensor) -> str:
@@ -194,7 +189,7 @@ def print_normal_maps(library: MaterialLibrary, probes: dict[str, LightProbe], s
             if name in probes:
                 reference, own = reference_of(library, probes[name], view, samples)
                 found = render_basis(library, probes[name], view, "harmonic").packed
-                print(f"| {shape}, {name} | {summary(errors_of(found, reference))} |")
+                print(f"| {shape}, {name} | {summary(relative(found, reference))} |")
                 print(f"| the reference's own error | {summary(own)} |", flush=True)
 
 
@@ -212,8 +207,8 @@ def print_perspective(library: MaterialLibrary, probes: dict[str, LightProbe], o
             def harmonic(probe: LightProbe = probe, view: View = view) -> Tensor:
                 return render_basis(library, LightProbe(probe.radiance), view, "harmonic").packed
 
-            seconds, errors = median_seconds(harmonic, options.repeats), errors_of(harmonic(), reference)
-            ignored = errors_of(orthographic, reference).median()
+            seconds, errors = median_seconds(harmonic, options.repeats), relative(harmonic(), reference)
+            ignored = relative(orthographic, reference).median()
             print(f"| {name} | {distance:g} | {seconds:.3f} | {summary(errors)} | {ignored:.1%} |", flush=True)
 
 

@@ -30,7 +30,7 @@ import torchbrdf as tb
 from torchbrdf.command_line import Parser, exit_status
 from torchbrdf.experiments import SHARED, markdown_table, noisy_observations, without_relatives
 from torchbrdf.images import luminance, read_image
-from torchbrdf.light import rotation_of, rotation_vector
+from torchbrdf.light import rotation_angle, rotation_of
 from torchbrdf.mitsuba_backend import MitsubaScene
 
 SUNS = {
@@ -95,7 +95,7 @@ def case(
     started, cpu = time.perf_counter(), time.process_time()
     found = tb.align(photo, probe, tb.SphereView(photo.shape[-1]), library)
     seconds, cpu = time.perf_counter() - started, time.process_time() - cpu
-    row = {"left": degrees(float(rotation_vector(found.rotation @ rotation.T).norm())), "seconds": seconds, "cpu": cpu}
+    row = {"left": degrees(rotation_angle(found.rotation @ rotation.T)), "seconds": seconds, "cpu": cpu}
     if found.lamp is None:
         return row | {"lamp": False}
     ceiling = given >= 0.999 * given.amax((1, 2), keepdim=True)

@@ -16,7 +16,7 @@ from torch import Tensor
 import torchbrdf as tb
 from torchbrdf.analytic import AnalyticFit, CellTransport, Method, fit_analytic, fit_analytic_to_image, model_of
 from torchbrdf.analytic.variables import FitVariables
-from torchbrdf.experiments import Target, noisy_observations, open_library, without_relatives
+from torchbrdf.experiments import Target, noisy_observations, open_library, swept_probe, without_relatives
 from torchbrdf.images import relative_rms
 
 TRUTH_SAMPLES, TRUTH_SEED = 4096, 1
@@ -31,12 +31,7 @@ def transport(path: str, fingerprint: str, size: int, truth: bool = False) -> Ce
     return CellTransport.build(probe, view, TRUTH_SAMPLES, TRUTH_SEED) if truth else CellTransport.build(probe, view)
 
 
-@lru_cache
-def open_probe(path: str, fingerprint: str) -> tb.LightProbe:
-    probe = tb.LightProbe.open(path, rows="poles")
-    if probe.fingerprint != fingerprint:
-        raise ValueError(f"{path}: another light probe than when the sweep was started")
-    return probe
+open_probe = lru_cache(swept_probe)
 
 
 @lru_cache(maxsize=16)

@@ -13,7 +13,7 @@ import torchbrdf as tb
 from alignment_cases import basis_under, classes_of
 from torchbrdf.experiments import light_under, noisy_observations, open_library, without_relatives
 from torchbrdf.images import read_image, relative_rms
-from torchbrdf.light import rotation_of, rotation_vector
+from torchbrdf.light import rotation_angle, rotation_of
 from torchbrdf.photograph import Circle, Observation, observe
 
 SIZE = 64
@@ -115,7 +115,7 @@ def silhouette_case(
         "radius": (circle.radius - TRUTH.radius) / _PIXEL,
         "std": max(found.ball.std) / _PIXEL,
         "moved": float(found.ball.moved),
-        "left": degrees(float(rotation_vector(found.rotation @ rotation.T).norm())),
+        "left": degrees(rotation_angle(found.rotation @ rotation.T)),
         "evaluations": found.evaluations,
         "seconds": seconds,
         "cpu": cpu,

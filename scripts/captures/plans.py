@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from captures.placement import Frame, Placement, towards
+from captures.recording import RESPONSES
 from torchbrdf.light import rotation_of, rotation_vector
 
 FORMAT = "torchbrdf capture 1"
@@ -124,7 +125,7 @@ def _drawn(name: str, material: str, probe: str, frame: Frame, seed: int, sunny:
         turn=tuple(rotation_vector(rotation).tolist()),
         sun=sun if sunny else None,
         aperture=float(generator.choice([0.0, 0.06, 0.12])),
-        response=str(generator.choice(["srgb", "s-curve"])),
+        response=str(generator.choice(RESPONSES)),
         suffix=str(generator.choice([".jpg", ".png"])),
         clip=float(np.exp(uniform(np.log(2), np.log(1000)))),
         misturn=tuple((radians(2) * axis / np.linalg.norm(axis)).tolist()),

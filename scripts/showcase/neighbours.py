@@ -1,11 +1,10 @@
 """Who is near whom in a library: distances of all pairs of materials, as `torchbrdf compare` has them."""
 
-import numpy as np
 import torch
 from torch import Tensor
 
 import torchbrdf as tb
-from torchbrdf.brdf import METRICS, N_CELLS, ROW_CELLS, cell_measure, incident_cosine
+from torchbrdf.brdf import METRICS, N_CELLS, ROW_CELLS, cell_measure, incident_cosine, unpacked
 
 METRIC = "cube-root"
 """Of `METRICS`: highlights count, and what lies around them, and dark materials."""
@@ -17,7 +16,7 @@ def distances(library: tb.MaterialLibrary) -> Tensor:
     |m(f_j cos) - m(f_i cos)| / |m(f_i cos)| over the cells measured in both.
     """
     m = len(library)
-    measured = torch.from_numpy(np.unpackbits(library.stored.valid[list(library.materials)].numpy(), axis=1)).T
+    measured = unpacked(library.stored.valid[list(library.materials)]).T
     cosine, measure = incident_cosine().ravel(), cell_measure().ravel()
     own, common = (torch.zeros(m, m, dtype=torch.float64) for _ in range(2))
     for start in range(0, N_CELLS, ROW_CELLS):

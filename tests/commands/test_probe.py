@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from failures import fails
-from mirror_balls import BALL, photographed, room, scene, texels
+from mirror_balls import BALL, photographed, room, scene
+from probes import texel_directions
 from torchbrdf import LightProbe, write_image
 from torchbrdf.cli import main
 from torchbrdf.commands._capture import NOT_GIVEN, REFLECTANCE_KEY
@@ -42,7 +43,7 @@ def test_a_photograph_becomes_a_probe(capsys, chrome, tmp_path):
     assert told
     assert sum(float(each) for each in told.groups()) == pytest.approx(100, abs=0.2)
     probe = LightProbe.open(tmp_path / "probe.exr")
-    expected = scene(texels(64)).permute(2, 0, 1)
+    expected = scene(texel_directions(64)).permute(2, 0, 1)
     assert float(((probe.radiance - expected).abs() * probe.solid_angles).sum() / probe.solid_angles.sum()) < 0.03
     assert probe.reading == "rows from pole to pole, as the file says"
     assert "degrees off the axis" in read_metadata(tmp_path / "probe.exr")["mirrorBall"]

@@ -11,8 +11,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from probes import texel_directions
 from torchbrdf import LightProbe, read_image, write_image
-from torchbrdf.light.latlong import directions_at
 
 SPHERE = 4 * math.pi
 
@@ -21,11 +21,6 @@ def scene(d: Tensor) -> Tensor:
     """A smooth asymmetric radiance (3, ...) of directions (..., 3)."""
     x, y, z = d.unbind(-1)
     return torch.stack([1.5 + x + 0.3 * y * z, 1.5 + y + 0.3 * x * z, 1.5 + z + 0.3 * x * y])
-
-
-def texels(height: int) -> Tensor:
-    y, x = torch.meshgrid(torch.arange(height), torch.arange(2 * height), indexing="ij")
-    return directions_at(x, y, height, 2 * height)
 
 
 def towards(theta: float, phi: float) -> Tensor:
@@ -40,7 +35,7 @@ def noise(height: int, width: int, seed: int = 0) -> Tensor:
 
 def mean_direction(probe: LightProbe) -> Tensor:
     weighted = probe.radiance[0].double() * probe.solid_angles
-    mean = (weighted[..., None] * texels(probe.height).double()).sum((0, 1))
+    mean = (weighted[..., None] * texel_directions(probe.height).double()).sum((0, 1))
     return mean / mean.norm()
 
 
@@ -168,9 +163,9 @@ def test_environment_maps_of_openexr_run_from_edge_to_edge(tmp_path):
     write_envmap(tmp_path / "map.exr", scene(directions), OpenEXR.ENVMAP_LATLONG)
     probe = LightProbe.open(tmp_path / "map.exr")
     assert probe.reading == "rows from pole to pole and columns from edge to edge, as its envmap attribute says"
-    assert float((probe.radiance - scene(texels(64))).abs().max()) < 2e-3
+    assert float((probe.radiance - scene(texel_directions(64))).abs().max()) < 2e-3
     without = LightProbe.open(tmp_path / "map.exr", rows="poles")
-    assert float((without.radiance - scene(texels(64))).abs().max()) > 0.02
+    assert float((without.radiance - scene(texel_directions(64))).abs().max()) > 0.02
 
 
 # --- Discs -----------------------------------------------------------------------------------------------
@@ -192,7 +187,7 @@ LOOSE = ((90, 140), (80.3, 42.7, 33.4))
 
 def difference(probe: LightProbe) -> float:
     """From the scene: mean over the sphere, relative."""
-    expected = scene(texels(probe.height))
+    expected = scene(texel_directions(probe.height))
     off = ((probe.radiance - expected).abs() * probe.solid_angles).sum()
     return float(off / (expected * probe.solid_angles).sum())
 
@@ -329,7 +324,7 @@ def test_vertical_crosses(file):
     picture = cross(32, middle_of_a_cross(32) | {(3, 1): face(32, "+X", "+Y", "+Z")}, 4, 3)
     probe = LightProbe.open(file(picture), "vertical_cross")
     assert probe.reading == "vertical cross, faces of 32 x 32 pixels"
-    assert float((probe.radiance - scene(texels(512))).abs().max()) < 0.06  # a pixel is 3.6 degrees across
+    assert float((probe.radiance - scene(texel_directions(512))).abs().max()) < 0.06  # a pixel is 3.6 degrees across
     assert difference(probe) < 0.012
     torch.testing.assert_close(probe.mean_radiance, torch.full((3,), 1.5, dtype=torch.float64), rtol=1e-3, atol=0)
 
@@ -337,7 +332,7 @@ def test_vertical_crosses(file):
 def test_horizontal_crosses(file):
     picture = cross(32, middle_of_a_cross(32) | {(1, 3): face(32, "-X", "-Y", "+Z")}, 3, 4)
     probe = LightProbe.open(file(picture), "horizontal_cross", height=128)
-    assert float((probe.radiance - scene(texels(128))).abs().max()) < 0.06
+    assert float((probe.radiance - scene(texel_directions(128))).abs().max()) < 0.06
     # Neighbouring faces show one edge: the picture is one strip of a panorama.
     assert float((picture[:, 32:64, 95] - picture[:, 32:64, 96]).abs().max()) < 0.08
 
@@ -374,7 +369,7 @@ def test_environment_cubes_of_openexr(tmp_path, file, said):
     else:
         probe = LightProbe.open(file(picture), "envmap_cube", height=128)
     assert probe.reading == "envmap cube, faces of 33 x 33 pixels"
-    assert float((probe.radiance - scene(texels(128))).abs().max()) < 0.06
+    assert float((probe.radiance - scene(texel_directions(128))).abs().max()) < 0.06
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from paths import ROOT
+from probes import texel_directions
 from torchbrdf.images import read_image, write_image
 from torchbrdf.images.colour import luminance
 from torchbrdf.light.latlong import area_mean, bilinear, directions_at, rotate, texel_coordinates
@@ -34,11 +35,6 @@ def random_map(height: int = 9, seed: int = 0, sharp: float = 3.0) -> torch.Tens
 def random_directions(n: int, seed: int = 0) -> torch.Tensor:
     g = torch.Generator().manual_seed(seed)
     return torch.nn.functional.normalize(torch.randn(n, 3, generator=g, dtype=torch.float64), dim=-1).float()
-
-
-def texel_directions(height: int) -> torch.Tensor:
-    y, x = torch.meshgrid(torch.arange(height), torch.arange(2 * height), indexing="ij")
-    return directions_at(x, y, height, 2 * height)
 
 
 def patch_quadrature(height: int, steps: int, cells: int = 1) -> tuple[torch.Tensor, torch.Tensor]:

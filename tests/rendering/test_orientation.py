@@ -13,7 +13,7 @@ import torch
 
 import torchbrdf as tb
 from materials import TINY_MATERIALS
-from torchbrdf import Camera, MeshView
+from torchbrdf import Camera, MeshView, sweep
 from torchbrdf.images.difference import relative_rms
 from torchbrdf.mitsuba_backend.scenes import MitsubaScene, light
 
@@ -125,10 +125,8 @@ def steel() -> tb.MerlTable:
 @pytest.fixture
 def one_thread() -> Iterator[None]:
     """The threads of torch would wait for work by spinning, beside those of Mitsuba."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with sweep.one_thread():
+        yield
 
 
 def assert_alike(table: tb.MerlTable, probe: tb.LightProbe, view: tb.View) -> tuple[torch.Tensor, torch.Tensor]:

@@ -34,3 +34,12 @@ def likeliest(explanation: Explanation) -> tuple[int, int, Tensor]:
     only = torch.zeros_like(evidence)
     only[0, m, penalty] = 1
     return m, penalty, explanation.components(only)[0, m]
+
+
+def pixels_per_misfit(explanation: Explanation, m: int, penalty: int, doubt: float) -> Tensor:
+    """(3,): independent pixels over the misfit y^T M^-1 y of each channel, with a prior and a penalty; 0 where it is 0.
+
+    doubt  what the evidence is divided by
+    """
+    misfit = explanation.quadratic[0, m, :, penalty]
+    return torch.where(misfit > 0, explanation.bank.independent_pixels / doubt / misfit, 0)

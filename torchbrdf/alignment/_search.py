@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.alignment._ascent import SMALLEST_STEP, ascend
-from torchbrdf.alignment._promise import likeliest, priors_of, promising
+from torchbrdf.alignment._promise import likeliest, pixels_per_misfit, priors_of, promising
 from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import (
     Explanation,
@@ -25,7 +25,7 @@ from torchbrdf.estimation.priors import (
     image_angles,
     redundancy,
 )
-from torchbrdf.light import LightProbe, rotation_of, rotation_vector
+from torchbrdf.light import LightProbe, rotation_angle, rotation_of, rotation_vector
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import HarmonicBasis
 
@@ -219,7 +219,7 @@ class RotationSearch:
         y = self.y if y is None else y
         if every:
             kept = variances
-        elif moved or self._kept is None or _angle(rotation, self._kept[0]) > _SAME_PRIORS:
+        elif moved or self._kept is None or rotation_angle(rotation @ self._kept[0].T) > _SAME_PRIORS:
             kept = variances[promising(space, variances, y)]
             self._kept = None if moved else (rotation, kept)
         else:
@@ -242,7 +242,7 @@ class RotationSearch:
         hope  what it may gain, where that is known
         """
         sure, most = _SAME_HILL
-        reach = max(sure, min(most, _angle(start.rotation, known.trial.rotation) / 4))
+        reach = max(sure, min(most, rotation_angle(start.rotation @ known.trial.rotation.T) / 4))
         if known.outdoes(start, hope, reach):
             return None
         summit = self.climb(start, ends=lambda trial, gain: known.outdoes(trial, gain, reach))
@@ -294,7 +294,7 @@ class RotationSearch:
         """
         weights, last = likeliest(trial.explanation)[2], self._changes
         turn = torch.zeros(3) if last is None else rotation_vector(trial.rotation @ last.trial.rotation.T)
-        if last is not None and bool(turn.any()) and _angle(trial.rotation, last.rendered) < _SAME_CHANGE:
+        if last is not None and bool(turn.any()) and rotation_angle(trial.rotation @ last.rendered.T) < _SAME_CHANGE:
             moved = (trial.packed - last.trial.packed)[..., self.used]
             missed = torch.einsum("sn,nsp->sp", weights.to(moved), moved).double()
             missed = missed - torch.einsum("a,asp->sp", turn.to(missed), last.change)
@@ -320,14 +320,9 @@ class RotationSearch:
         product = torch.einsum("asp,bsp->sab", weighted, weighted) - torch.einsum("asr,bsr->sab", inside, inside)
         product = product + torch.einsum("ask,sk,bsk->sab", seen, bank.damping[m, :, penalty], seen)
         slope = torch.einsum("asp,sp->sa", weighted, residual[0] * bank.space.inverse)
-        quadratic = found.quadratic[0, m, :, penalty]
-        count = torch.where(quadratic > 0, bank.independent_pixels / self._doubt / quadratic, 0)
+        count = pixels_per_misfit(found, m, penalty, self._doubt)
         return (count @ slope).cpu(), torch.einsum("s,sab->ab", count, product).cpu()
 
     def _priors(self, space: UnformedSpace) -> Tensor:
         norms = self.light.library.gram.diagonal().sqrt()[self.light.columns]
         return priors_of(norms.to(space.scale), space, self._whole)
-
-
-def _angle(a: Tensor, b: Tensor) -> float:
-    return float(rotation_vector(a @ b.T).norm())

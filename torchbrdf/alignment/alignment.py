@@ -23,7 +23,7 @@ from torchbrdf.camera import Ball
 from torchbrdf.estimation import check_observation
 from torchbrdf.images import luminance
 from torchbrdf.lasting import without_autocast
-from torchbrdf.light import LightProbe, checked_rotation, rotation_of, rotation_vector
+from torchbrdf.light import LightProbe, checked_rotation, rotation_angle, rotation_of, rotation_vector
 from torchbrdf.photograph import Circle, MovingSilhouette, Observation, observe
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import NEAREST, HarmonicBasis, unsuited
@@ -110,7 +110,7 @@ class Alignment:
     @property
     def angle(self) -> float:
         """Degrees by which the probe is turned."""
-        return degrees(float(rotation_vector(self.rotation).norm()))
+        return degrees(rotation_angle(self.rotation))
 
     @property
     def uncertainty(self) -> float:

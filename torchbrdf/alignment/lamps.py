@@ -13,7 +13,7 @@ from operator import itemgetter
 import torch
 from torch import Tensor
 
-from torchbrdf.alignment._promise import likeliest, priors_of, promising
+from torchbrdf.alignment._promise import likeliest, pixels_per_misfit, priors_of, promising
 from torchbrdf.alignment._search import DOUBT, RotationSearch, Summit, Trial, distinct_columns
 from torchbrdf.estimation import UnformedSpace, residual_scale
 from torchbrdf.estimation.priors import Explanation, PriorBank, redundancy
@@ -232,8 +232,7 @@ class LampSearch:
         seen = torch.einsum("sr,srk->sk", inside[0], bank.vectors[m])
         product = energy[0] - inside[0].square().sum(-1) + (seen.square() * bank.damping[m, :, penalty]).sum(-1)
         slope = (weighted * residual * bank.space.inverse).sum(-1)
-        quadratic = found.quadratic[0, m, :, penalty]
-        count = torch.where(quadratic > 0, bank.independent_pixels / self._doubt / quadratic, 0)
+        count = pixels_per_misfit(found, m, penalty, self._doubt)
         return (count * slope).cpu(), torch.diag(count * product).cpu()
 
 

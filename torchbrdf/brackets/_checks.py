@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
+from torchbrdf.arguments import warn
 from torchbrdf.brackets._choice import Chosen
 from torchbrdf.brackets.frames import Frame
 from torchbrdf.brackets.response import Curve
@@ -47,7 +47,7 @@ def check_same(frames: Sequence[Frame]) -> None:
                 f"{modes[0] or 'not said'} (EXIF): use one setting for all"
             )
     if first.shooting.white_balance == "auto" and first.integers:
-        _warn(f"{first.path}: its white balance is automatic (EXIF), which may differ between sets: set it by hand")
+        warn(f"{first.path}: its white balance is automatic (EXIF), which may differ between sets: set it by hand")
 
 
 def check_shown(frames: Sequence[Frame]) -> None:
@@ -86,7 +86,7 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
     """Warn where frames do not agree with their exposures, in brightness, in colour, or along the curve."""
     found, power = chosen.found, _power(chosen.curve)
     if not 1 / _STEEPEST < power < _STEEPEST:
-        _warn(
+        warn(
             f"{frames[0].path} and others: by these times the response is about sRGB's to the power {power:.2f}, as no "
             f"camera's is: their ratios are wrong, perhaps to the power {power:.2f}; are --times right?"
         )
@@ -95,12 +95,12 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
     alone = (np.abs(found.by_frame) > _BRIGHTNESS).sum() == 1 or chosen.curve.known is None
     if abs(amount) > _BRIGHTNESS and alone:
         how = "brighter" if amount > 0 else "darker"
-        _warn(
+        warn(
             f"{frames[worst].path}: is {abs(amount):.0%} {how} than its exposure says: its time is wrong, or the light "
             "changed, or the response is another"
         )
     if found.by_colour > _COLOUR:
-        _warn(
+        warn(
             f"{frames[worst].path} and others: colours differ by {found.by_colour:.0%} between exposures: was the "
             "white balance automatic? Set it by hand"
         )
@@ -110,7 +110,7 @@ def warn_of(frames: Sequence[Frame], chosen: Chosen) -> None:
         and not (abs(amount) > _BRIGHTNESS and alone)
     ):
         cure = "" if chosen.curve.known is None else "; leave --response and --like out to have it estimated"
-        _warn(
+        warn(
             f"{frames[0].path} and others: under this response {found}: the scene moved, or the response is "
             f"another{cure}"
         )
@@ -123,7 +123,3 @@ def _power(curve: Curve) -> float:
     codes = np.linspace(0.1, 0.9, 33)
     wanted = np.log(SRGB.decode(codes))
     return float(np.mean([np.polyfit(wanted, np.log(curve.decode(codes, channel)), 1)[0] for channel in range(3)]))
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, UserWarning, stacklevel=4)

@@ -145,12 +145,12 @@ def _estimate(samples: Samples, exposures: np.ndarray) -> Curve:
 def _of_times(
     curve: Curve, at_stops: Curve, said: Consistency, exact: Consistency, exposures: Exposures, about: str
 ) -> Chosen:
-    if _score(exact, exposures.exact) < _BETTER * _score(said, exposures.said):
+    if _score(exact) < _BETTER * _score(said):
         told = f"{about}; times at whole, half or third stops, which fit better than as rounded (1/60 s is 1/64)"
         return Chosen(at_stops, exposures.exact, True, exact, told)
     return Chosen(curve, exposures.said, False, said, about)
 
 
-def _score(found: Consistency, exposures: np.ndarray) -> float:
+def _score(found: Consistency) -> float:
     """How far frames depart from their exposures."""
     return float(np.hypot(np.sqrt((found.by_frame**2).mean()), 0.1 * found.misfit)) + 1e-4

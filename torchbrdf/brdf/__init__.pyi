@@ -33,6 +33,7 @@ from .merl_grid import (
     cell_index as cell_index,
     measured_share as measured_share,
     mirrored_cells as mirrored_cells,
+    row_edges as row_edges,
 )
 from .metrics import (
     METRICS as METRICS,
@@ -56,6 +57,7 @@ from .stored_columns import (
     Part as Part,
     StoredColumns as StoredColumns,
     columns_of as columns_of,
+    unpacked as unpacked,
 )
 from .tables import read_table as read_table
 from .texture import brdf_texture as brdf_texture

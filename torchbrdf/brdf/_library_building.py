@@ -22,6 +22,7 @@ from torchbrdf.brdf.stored_columns import (
     fingerprint_of,
     release,
     shared_cells,
+    unpacked,
 )
 from torchbrdf.progress import progress_bar
 
@@ -188,9 +189,9 @@ def remarks(
 def same_in(rows: Callable[[Tensor], Tensor], scale: Tensor, valid: Tensor) -> tuple[tuple[int, int], ...]:
     """Pairs of materials that are one measurement; rows as of `remarks`."""
     cells = sampled_cells()
-    measured = (valid[:, cells // 8] >> (7 - cells % 8)) & 1  # as numpy packs bits
+    measured = torch.stack([unpacked(bits)[cells] for bits in valid])
     values = torch.cat([rows(some) for some in cells.split(_CELLS_AT_ONCE)])
-    return tuple(same_measurements(values.double() * scale, measured.bool()))
+    return tuple(same_measurements(values.double() * scale, measured))
 
 
 def _run(materials: Sequence[int]) -> Tensor | slice:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchbrdf.brdf.directions import half_difference
 from torchbrdf.brdf.merl import MerlTable
-from torchbrdf.brdf.merl_grid import GRID, cell_index
+from torchbrdf.brdf.merl_grid import cell_index, row_edges
 
 ALBEDO_DEG = (0, 30, 60, 75)
 
@@ -65,7 +65,7 @@ def albedo_rule(view_angle: float, steps_h: int = 3, steps_phi: int = 360) -> tu
 
     view_angle  radians, from 0 to less than pi / 2
     """
-    edges = ((torch.arange(GRID[0] * steps_h + 1, dtype=torch.float64)) / (GRID[0] * steps_h)) ** 2 * (pi / 2)
+    edges = row_edges(steps_h)
     theta = ((edges[1:] + edges[:-1]) / 2)[:, None]
     solid = (torch.cos(edges[:-1]) - torch.cos(edges[1:]))[:, None] * (2 * pi / steps_phi)
     phi = (torch.arange(steps_phi, dtype=torch.float64) + 0.5) * (2 * pi / steps_phi)

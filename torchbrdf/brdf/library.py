@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -21,7 +20,7 @@ from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
 from torchbrdf.brdf.settings import EMBEDDED
-from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of, shared_cells
+from torchbrdf.brdf.stored_columns import ROW_CELLS, StoredColumns, columns_of, shared_cells, unpacked
 from torchbrdf.files import cache_folder
 
 MIN_MATERIALS = 8
@@ -242,7 +241,7 @@ class MaterialLibrary:
         material = self.materials[self.position(name)]
         columns = slice(3 * material, 3 * material + 3)
         values = self.stored.columns[:, columns].cpu().double() * self.stored.scale[columns]
-        return MerlTable.of_filled(values.view(*GRID, 3), _unpacked(self.stored.valid[material]), name)
+        return MerlTable.of_filled(values.view(*GRID, 3), unpacked(self.stored.valid[material]).reshape(GRID), name)
 
     def combine(self, weights: Tensor, name: str = "combination") -> MerlTable:
         """The table rho = B w [CBP21, eq. 1], cells below zero set to zero.
@@ -284,10 +283,7 @@ class MaterialLibrary:
     def _measured(self, materials: tuple[int, ...]) -> tuple[Tensor, bool]:
         """(90, 90, 180) bool: measured in all of some stored materials; and whether all are filled as one table is."""
         masks = self.stored.valid[list(materials)]
-        common = torch.full_like(self.stored.valid[0], 0xFF)
-        for mask in masks:
-            common &= mask
-        return _unpacked(common), len(masks) > 0 and bool((masks == common).all())
+        return shared_cells(masks).reshape(GRID), len(masks) > 0 and bool((masks == masks[0]).all())
 
     def rows(self, cells: Tensor | slice, keep: bool = True) -> Tensor:
         """(N, n) float32: f_r of every basis BRDF in some cells; anything finite where it was not measured.
@@ -318,11 +314,6 @@ class MaterialLibrary:
 def _bare(name: str) -> str:
     """Without folders, and without what files of the RGL database add to it."""
     return name.rsplit("/", 1)[-1].removesuffix("_rgb")
-
-
-def _unpacked(bits: Tensor) -> Tensor:
-    """(90, 90, 180) bool of packed bits."""
-    return torch.from_numpy(np.unpackbits(bits.numpy()).view(bool)).reshape(GRID)
 
 
 def _is_plain(members: Sequence[Member]) -> bool:

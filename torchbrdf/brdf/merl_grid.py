@@ -20,6 +20,12 @@ def cell_centres(dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor, Te
     return theta_h[:, None, None], theta_d[:, None], phi_d
 
 
+def row_edges(parts: int = 1) -> Tensor:
+    """(90 parts + 1,) float64: theta_h in radians at the edges of the rows, each cut into parts of the warped axis."""
+    rows = GRID[0] * parts
+    return (torch.arange(rows + 1, dtype=torch.float64) / rows) ** 2 * (pi / 2)
+
+
 @lru_cache(maxsize=1)
 def above_horizon() -> Tensor:
     """(90, 90, 180) bool: cells at whose centre both directions lie above the horizon (75 % of them)."""

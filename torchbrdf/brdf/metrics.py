@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf.directions import from_half_difference
-from torchbrdf.brdf.merl_grid import GRID, above_horizon, cell_centres
+from torchbrdf.brdf.merl_grid import GRID, above_horizon, cell_centres, row_edges
 from torchbrdf.brdf.settings import METRIC_NAMES
 
 CUBE_ROOT_OFFSET = 1e-8
@@ -55,7 +55,7 @@ def cell_measure() -> Tensor:
     over all phi_h, and over both phi_d and phi_d + pi, which share a cell. The sum is (2 pi)^2 but for cells that the
     horizon cuts: a cell counts wholly where its centre lies above.
     """
-    across = torch.cos((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2))
+    across = torch.cos(row_edges())
     along = torch.sin(torch.arange(GRID[1] + 1, dtype=torch.float64) / GRID[1] * (pi / 2)) ** 2
     theta_h, theta_d = across[:-1] - across[1:], 2 * (along[1:] - along[:-1])
     phi_d = 2 * (pi / GRID[2])

@@ -99,7 +99,12 @@ def columns_of(materials: Sequence[int]) -> Tensor:
 
 def shared_cells(valid: Tensor) -> Tensor:
     """(N_CELLS,) bool: measured in all of some materials, of packed bits (m, N_CELLS / 8)."""
-    return torch.from_numpy(np.unpackbits(np.bitwise_and.reduce(valid.numpy(), axis=0)).view(bool))
+    return unpacked(torch.from_numpy(np.bitwise_and.reduce(valid.numpy(), axis=0)))
+
+
+def unpacked(bits: Tensor) -> Tensor:
+    """(..., 8 k) bool of packed bits (..., k) uint8."""
+    return torch.from_numpy(np.unpackbits(bits.numpy(), axis=-1).view(bool))
 
 
 def release(mapping: mmap.mmap | None) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from torchbrdf.arguments import warn
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands._sight import Sight
 from torchbrdf.files import writing
@@ -66,12 +66,12 @@ def warn_of_lamps(probe: LightProbe, found: Alignment) -> None:
         return
     if found.lamp.clipped and found.lamp.confident:
         worst = float(found.lamp.std.max())
-        _warn(
+        warn(
             f"{probe.name}: {found.lamp.lamps.about}: their radiance, by one factor, is that which the photograph "
             f"tells, to {worst:.0%}, and the BRDF is off where it is; a shorter exposure of the probe shows it"
         )
     elif not found.lamp.confident and (found.lamp.clipped or found.lamp.lamps.certain):
-        _warn(
+        warn(
             f"{probe.name}: {found.lamp.lamps.about}: this photograph cannot tell their radiance for sure, and a lamp "
             "that is off spoils what it lights; take a shorter exposure of the probe, or photograph a side that they "
             "light"
@@ -81,7 +81,7 @@ def warn_of_lamps(probe: LightProbe, found: Alignment) -> None:
 def warn_of_turn(found: Alignment) -> None:
     """Say where the probe is turned by more than the photograph tells for sure."""
     if found.angle and not found.confident:
-        _warn(
+        warn(
             f"the light probe is turned by {found.angle:.1f} degrees, +- {found.uncertainty:.1f} about the least "
             "certain axis, more than this photograph can tell for sure; --search full looks all around the vertical "
             "axis, too"
@@ -91,15 +91,11 @@ def warn_of_turn(found: Alignment) -> None:
 def warn_of_blur(found: Alignment) -> None:
     """Say that a blur that was found may be none of the light's."""
     if found.blur:
-        _warn(
+        warn(
             f"the light probe is blurred by {found.blur:.2f} degrees, which explains the photograph better; so may a "
             "blur explain a material that is rougher than the library's or has flakes: compare with the fit without "
             "--blur"
         )
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, UserWarning, stacklevel=3)
 
 
 def divided(observation: Observation, found: Alignment) -> Observation:

@@ -13,7 +13,6 @@ from torchbrdf.commands._reconstruction import Fit, Setting, fit_of, summary, we
 from torchbrdf.commands._results import (
     WEIGHTS,
     check_inputs_stay,
-    in_words,
     obsolete,
     products,
     say_doubts_of,
@@ -27,6 +26,7 @@ from torchbrdf.estimation import Reconstruction
 from torchbrdf.files import writing_folder
 from torchbrdf.photograph import Observation
 from torchbrdf.progress import told_if_slow
+from torchbrdf.report import in_words
 from torchbrdf.transport import BasisImages
 
 

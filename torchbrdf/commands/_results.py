@@ -42,11 +42,6 @@ def ended(file: str, name: str | None) -> str:
     return file if name is None else file.replace(".", f"_{name}.")
 
 
-def in_words(names: Sequence[str]) -> str:
-    """The files of a folder, for people."""
-    return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
 def written(
     photograph: Path,
     folder: Path,

@@ -79,7 +79,6 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._results import (
         WEIGHTS,
         check_inputs_stay,
-        in_words,
         obsolete,
         products,
         say_doubts_of,
@@ -88,6 +87,7 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
         write_weights,
         written,
     )
+    from torchbrdf.report import in_words
 
     files = products(options)
     check_inputs_stay(options, options.output)

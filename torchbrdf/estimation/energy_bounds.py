@@ -14,6 +14,7 @@ from torchbrdf.brdf import (
     StoredColumns,
     above_horizon,
     albedo_rule,
+    unpacked,
 )
 
 _STEPS = (2, 3, 6)
@@ -30,13 +31,12 @@ _KEEP = 500
 class EnergyBounds:
     """What "energy" needs of a library, computed once (one pass over its columns, a few seconds).
 
-    stored       the columns, all of them, as the library holds them
-    columns      (c,) int64         which of them the weights belong to
-    usable       (N_CELLS,) bool    above the horizon and measured in some material
-    cells        (k,) int64         the thinned cells that are looked at first
-    thinned      (k, c) float32     f_r in these cells
-    view_angles  (a,) radians       midpoints of equal intervals of [0, pi/2]
-    albedo       (a, c) float64     directional albedo of each column at each view angle
+    stored   the columns, all of them, as the library holds them
+    columns  (c,) int64       which of them the weights belong to
+    usable   (N_CELLS,) bool  above the horizon and measured in some material
+    cells    (k,) int64       the thinned cells that are looked at first
+    thinned  (k, c) float32   f_r in these cells
+    albedo   (a, c) float64   directional albedo of each column at view angles: midpoints of equal parts of [0, pi/2]
     """
 
     stored: StoredColumns
@@ -44,7 +44,6 @@ class EnergyBounds:
     usable: Tensor
     cells: Tensor
     thinned: Tensor
-    view_angles: Tensor
     albedo: Tensor
 
     @classmethod
@@ -60,21 +59,13 @@ class EnergyBounds:
         measured = torch.zeros(N_CELLS // 8, dtype=torch.uint8)
         for material in library.materials:
             measured |= stored.valid[material].cpu()
-        bits = (measured[:, None] >> torch.arange(7, -1, -1, dtype=torch.uint8)) & 1
-        usable = bits.bool().reshape(GRID) & above_horizon()
+        usable = unpacked(measured).reshape(GRID) & above_horizon()
         coarse = torch.zeros(GRID, dtype=torch.bool)
         coarse[:: _STEPS[0], :: _STEPS[1], :: _STEPS[2]] = True
         cells = torch.nonzero((coarse & usable).ravel()).ravel().to(device)
         angles = (torch.arange(view_angles, dtype=torch.float64) + 0.5) * (pi / 2 / max(view_angles, 1))
-        bounds = cls(
-            stored,
-            columns.to(device),
-            usable.ravel().to(device),
-            cells,
-            torch.empty(0),
-            angles.to(device),
-            torch.empty(0),
-        )
+        none = torch.empty(0)
+        bounds = cls(stored, columns.to(device), usable.ravel().to(device), cells, thinned=none, albedo=none)
         return replace(bounds, thinned=bounds.rows(cells).float(), albedo=bounds._integrate(angles))
 
     def __repr__(self) -> str:

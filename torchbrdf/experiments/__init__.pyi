@@ -50,6 +50,7 @@ from .sweep_inputs import (
     light_under as light_under,
     open_library as open_library,
     sweep_options as sweep_options,
+    swept_probe as swept_probe,
 )
 from .tables import (
     Rows as Rows,

@@ -77,12 +77,6 @@ def noisy_observations(image: Tensor, levels: Sequence[float], key: str) -> Tens
     return torch.stack([image * (1 + level / 100 * e) for level in levels])
 
 
-def gather_columns(library: MaterialLibrary, cells: Tensor) -> Tensor:
-    """(len(cells), n) float64: f_r of all columns in some cells."""
-    columns = library.column_index
-    return library.stored.columns[cells.long()].double()[:, columns] * library.stored.scale[columns]
-
-
 def directional_scene(library: MaterialLibrary, view: View, angle: float) -> tuple[Scene, Tensor]:
     """The view at pixel centres under light of unit irradiance, turned by `angle` degrees about +Y from the camera.
 
@@ -97,7 +91,7 @@ def directional_scene(library: MaterialLibrary, view: View, angle: float) -> tup
     t = normalize(torch.linalg.cross(normals, across), dim=-1)
     frame = torch.stack([t, torch.linalg.cross(normals, t), normals], dim=1)
     angles = half_difference(frame @ light, torch.einsum("pij,pj->pi", frame, w_o))
-    packed = (gather_columns(library, cell_index(*angles)) * cos_i[:, None]).T[:, None].expand(-1, 3, -1)
+    packed = (library.rows(cell_index(*angles)).double() * cos_i[:, None]).T[:, None].expand(-1, 3, -1)
     return Scene.of(f"light {angle}", packed), packed
 
 
@@ -116,7 +110,7 @@ class CellSample:
         inside = torch.nonzero(high.ravel()).ravel()
         drawn = torch.randint(len(inside), (COMPARED_CELLS,), generator=torch.Generator().manual_seed(seed))
         cells = inside[drawn]
-        return cls(gather_columns(library, cells), w_i[..., 2].ravel()[cells])
+        return cls(library.rows(cells).double(), w_i[..., 2].ravel()[cells])
 
     def compare(self, weights: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
         """Of BRDFs with weights (*batch, 3, n) against the columns `truth` (3,), over cells and channels.

@@ -58,12 +58,17 @@ def open_library(path: str, source: str) -> MaterialLibrary:
     return library
 
 
-@lru_cache(maxsize=16)
-def light_under(library: MaterialLibrary, path: str, fingerprint: str, size: int) -> HarmonicBasis:
-    """What does not change when a probe turns."""
+def swept_probe(path: str, fingerprint: str) -> LightProbe:
+    """`default` or a file, as `open_probe` reads it. Raises ValueError where a sweep started with another."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the process that made the tasks has said it
         probe = LightProbe.default() if path == "default" else open_probe(path)
     if probe.fingerprint != fingerprint:
         raise ValueError(f"{path}: another light probe than when the sweep was started")
-    return HarmonicBasis(library, probe, SphereView(size))
+    return probe
+
+
+@lru_cache(maxsize=16)
+def light_under(library: MaterialLibrary, path: str, fingerprint: str, size: int) -> HarmonicBasis:
+    """What does not change when a probe turns."""
+    return HarmonicBasis(library, swept_probe(path, fingerprint), SphereView(size))

@@ -6,6 +6,7 @@ from .difference import relative_rms as relative_rms
 from .display import (
     DISPLAY_GAMMA as DISPLAY_GAMMA,
     exposure_for as exposure_for,
+    exposure_for_light as exposure_for_light,
     stops_for as stops_for,
     tone_map as tone_map,
     with_rim as with_rim,

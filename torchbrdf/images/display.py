@@ -39,6 +39,15 @@ def exposure_for(image: Tensor, used: Tensor) -> float:
     return 1 / white if white > 0 else 1.0
 
 
+def exposure_for_light(radiance: Tensor) -> float:
+    """The factor that takes the 93rd percentile of light to white: lamps are clipped, the room is seen.
+
+    radiance  (...) of the brightest channel
+    """
+    white = float(torch.quantile(radiance, 0.93)) or float(radiance.max())
+    return 1 / white if white > 0 else 1.0
+
+
 def stops_for(image: Tensor) -> tuple[float, float]:
     """Two exposures for (3, H, W), powers of two: for its highlight, and for what lies beside it.
 

@@ -13,13 +13,17 @@ from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from torchbrdf.learning.masking import erode_silhouette, grown, mask_stand, reflection_angles, stand_radii
+from torchbrdf.learning.masking import (
+    MARGIN,
+    erode_silhouette,
+    grown,
+    mask_stand,
+    reflection_angles,
+    stand_radii,
+)
 from torchbrdf.view import SphereView, View
 
 Range = tuple[float, float]
-
-MARGIN = 1.0
-"""Pixels around a stand or a reflection, as by default in `masking`."""
 
 
 class DrawingAugmentation(IntensityAugmentationBase2D):
@@ -112,7 +116,7 @@ class RandomSaturation(HidingAugmentation):
     def __init__(
         self,
         share: Range = (0.0, 0.05),
-        margin: float = 1.0,
+        margin: float = MARGIN,
         known: bool = True,
         same_on_batch: bool = False,
         p: float = 0.5,

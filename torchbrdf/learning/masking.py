@@ -12,6 +12,9 @@ from torch import Tensor
 
 from torchbrdf.view import SphereView, View
 
+MARGIN = 1.0
+"""Pixels around what is hidden that are left out, too."""
+
 
 def erode_silhouette(mask: Tensor, pixels: float) -> Tensor:
     """Leave out what is nearer than a distance to a pixel that is not used, or to the border of the image.
@@ -32,7 +35,7 @@ def erode_silhouette(mask: Tensor, pixels: float) -> Tensor:
     return (erosion(flat, disc, border_type="constant", border_value=0.0) > 0.5).reshape(mask.shape)
 
 
-def mask_saturated(image: Tensor, threshold: float, margin: float = 1.0) -> Tensor:
+def mask_saturated(image: Tensor, threshold: float, margin: float = MARGIN) -> Tensor:
     """Leave out pixels with a channel at or above a threshold, or not finite, and what is within `margin` pixels.
 
     image    (*batch, 3, H, W)  linear radiance; the threshold is a little below the sensor's largest value, in its unit
@@ -45,7 +48,7 @@ def mask_saturated(image: Tensor, threshold: float, margin: float = 1.0) -> Tens
     return grown(sound, margin)
 
 
-def mask_stand(view: SphereView, radius: float | Tensor, margin: float = 1.0) -> Tensor:
+def mask_stand(view: SphereView, radius: float | Tensor, margin: float = MARGIN) -> Tensor:
     """Leave out what an upright stand below the ball hides, and the ball's reflection of the stand.
 
     The stand is a cylinder about the vertical axis through the centre, from the ball downwards.
@@ -63,7 +66,7 @@ def mask_stand(view: SphereView, radius: float | Tensor, margin: float = 1.0) ->
 
 
 def mask_reflection(
-    view: View, half_angle_deg: float | Tensor, direction: Sequence[float] = (0.0, 0.0, 1.0), margin: float = 1.0
+    view: View, half_angle_deg: float | Tensor, direction: Sequence[float] = (0.0, 0.0, 1.0), margin: float = MARGIN
 ) -> Tensor:
     """Leave out pixels that mirror a distant disc: the camera, a photographer, a lamp to be taken out.
 

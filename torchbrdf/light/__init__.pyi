@@ -13,6 +13,7 @@ from .relighting import (
 )
 from .rotations import (
     checked_rotation as checked_rotation,
+    rotation_angle as rotation_angle,
     rotation_of as rotation_of,
     rotation_vector as rotation_vector,
 )

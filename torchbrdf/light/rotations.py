@@ -19,6 +19,11 @@ def rotation_vector(rotation: Tensor) -> Tensor:
     return torch.from_numpy(Rotation.from_matrix(rotation.detach().cpu().double().numpy()).as_rotvec())
 
 
+def rotation_angle(rotation: Tensor) -> float:
+    """Radians, from 0 to pi, by which a rotation (3, 3) turns."""
+    return float(rotation_vector(rotation).norm())
+
+
 def checked_rotation(rotation: Tensor | np.ndarray) -> Tensor:
     """The rotation (3, 3) as float64 on the CPU, without gradients. Raises ValueError for any other matrix."""
     matrix = torch.as_tensor(rotation).detach().to("cpu", torch.float64)

@@ -18,14 +18,12 @@ from urllib.parse import parse_qs
 import torch
 from torch import Tensor
 
-from torchbrdf.images import exposure_for, tone_map
+from torchbrdf.images import exposure_for, exposure_for_light, tone_map
 from torchbrdf.live._page import content_security_policy, page
 
 HOST = "127.0.0.1"
 LARGEST_STOPS = 20.0
 _HOST_NAMES = (HOST, "localhost")
-_LIGHT_QUANTILE = 0.93
-"""Of the light in the mirror ball, which white shows: lamps are clipped, the room is seen."""
 
 
 class Relightable(Protocol):
@@ -103,9 +101,7 @@ class LiveServer(ThreadingHTTPServer):
             upright = torch.eye(3, dtype=torch.float32)
             first, mirrored = spheres.render(upright), spheres.mirror_ball(upright)
             exposure = exposure_for(first[0].cpu(), mask)
-            bright = mirrored.cpu().amax(0)[mask[0]]
-            white = float(torch.quantile(bright, _LIGHT_QUANTILE)) or float(bright.max())
-        gains = [exposure] * len(first) + [1 / white if white > 0 else 1.0]
+            gains = [exposure] * len(first) + [exposure_for_light(mirrored.cpu().amax(0)[mask[0]])]
         self._gains = torch.tensor(gains, dtype=torch.float32)[:, None, None]
         self.page = page(title, light, spheres.labels, mask.shape[-1]).encode()
 

@@ -14,7 +14,7 @@ import numpy as np
 from torchbrdf.photograph._charts import Chart
 from torchbrdf.photograph._outline import BESIDE, Outline, along, climb, guess
 from torchbrdf.photograph._pyramid import Pyramid
-from torchbrdf.photograph._rim import Rays
+from torchbrdf.photograph._rim import OUTLIERS, Rays, through_lens
 
 _REFLECTANCES = 1.0, 0.6, None
 """To choose the likelier from; None is what shows inside something else than outside: a ball that is no mirror."""
@@ -37,9 +37,6 @@ _UNKNOWN = 1e3
 _TEMPER = 0.25
 """Of the evidence: rays and channels are not independent."""
 
-_OUTLIERS = 0.1
-"""Share of rays on which something else is taken for the outline."""
-
 _CLEAR = 2.0
 """Score from which on edges alone place an outline well."""
 
@@ -58,8 +55,6 @@ _ALIKE = 0.5
 """A ray's share of such goodness by which models are about as good as the best."""
 
 _LEAST = 1e-12
-_FINE = 5
-"""Steps between samples when what a lens shows is integrated."""
 
 
 def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> Outline:
@@ -93,7 +88,7 @@ def settled(outline: Outline, pyramid: Pyramid, chart: Chart, wanted: float) -> 
 def _votes(likely: np.ndarray) -> np.ndarray:
     """(A, R): log of how much likelier than anywhere, of log likelihoods."""
     share = np.exp(likely - likely.max(1, keepdims=True))
-    return np.asarray(np.log((1 - _OUTLIERS) * share / share.mean(1, keepdims=True) + _OUTLIERS))
+    return np.asarray(np.log((1 - OUTLIERS) * share / share.mean(1, keepdims=True) + OUTLIERS))
 
 
 def _log_likelihoods(rays: Rays, offsets: np.ndarray, blur: float, reflectance: float | None) -> np.ndarray:
@@ -120,10 +115,7 @@ def _covariances(
     distances: np.ndarray, pixels: float, offsets: np.ndarray, blur: float, reflectance: float | None
 ) -> np.ndarray:
     """(R, S, P, P): of samples (P,), for an outline at each offset (R,) and each noise (S,)."""
-    sigma, step = blur / pixels, (distances[1] - distances[0]) / _FINE
-    fine = np.arange(distances[0] - 4 * sigma, distances[-1] + 4 * sigma + step, step)
-    lens = np.exp(-0.5 * ((distances[:, None] - fine) / sigma) ** 2)
-    lens /= lens.sum(1, keepdims=True)
+    fine, lens = through_lens(distances, blur / pixels)
     depth = 1 - (1 + fine) / (1 + offsets[:, None])
     inside = depth > 0
     gain = np.where(inside, 1.0 if reflectance is None else reflectance, 1.0)

@@ -23,7 +23,7 @@ _FLOOR = 0.004
 _TEMPER = 0.1
 """Of the evidence: neighbouring samples and channels are not independent, and no model of them is exact."""
 
-_OUTLIERS = 0.1
+OUTLIERS = 0.1
 """Share of rays on which something else is taken for the outline."""
 
 _FINE = 5
@@ -102,19 +102,28 @@ class Rays:
             most = gain.max(1, keepdims=True).clip(min=0)
             likely = np.exp(gain - most)
             share = likely / (likely.mean(1, keepdims=True) + np.exp(-most))
-            votes = np.log((1 - _OUTLIERS) * share + _OUTLIERS)
+            votes = np.log((1 - OUTLIERS) * share + OUTLIERS)
             yield np.ascontiguousarray(votes - votes.mean(1, keepdims=True), np.float64)
 
     def _shown(self, offsets: np.ndarray, blur: float) -> np.ndarray:
         """(R, P, 4): constant and cosine inside an outline at each offset, constant and slope outside, blurred."""
-        step = (self.distances[1] - self.distances[0]) / _FINE
-        fine = np.arange(self.distances[0] - 4 * blur, self.distances[-1] + 4 * blur + step, step)
-        lens = np.exp(-0.5 * ((self.distances[:, None] - fine) / blur) ** 2)
-        lens /= lens.sum(1, keepdims=True)
+        fine, lens = through_lens(self.distances, blur)
         beyond = (1 + fine) / (1 + offsets[:, None]) - 1
         cosine = np.sqrt(np.maximum(1 - (1 + beyond) ** 2, 0))
         inside = beyond < 0
         return lens @ np.stack([inside, cosine, ~inside, np.maximum(beyond, 0) * self.pixels], -1)
+
+
+def through_lens(distances: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
+    """Finer distances (F,) than some (P,), and the shares (P, F) that a lens takes of what is at each of them.
+
+    blur  standard deviation, in the unit of the distances
+    """
+    step = (distances[1] - distances[0]) / _FINE
+    fine = np.arange(distances[0] - 4 * blur, distances[-1] + 4 * blur + step, step)
+    lens = np.exp(-0.5 * ((distances[:, None] - fine) / blur) ** 2)
+    lens /= lens.sum(1, keepdims=True)
+    return fine, lens
 
 
 def _projector(root: np.ndarray, functions: np.ndarray) -> np.ndarray:

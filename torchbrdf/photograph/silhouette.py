@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan, degrees, pi
@@ -11,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import warn
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
 
@@ -149,10 +149,10 @@ def _inscribed(whole: Circle, window: Window | None, size: tuple[int, int]) -> C
         square = abs(window.width - window.height) < SNAP
         if circle.differs(whole) >= SNAP and (square or abs(width - height) >= SNAP):
             if not square:
-                _warn(f"no mask: the ball is taken to fill the {window.height} x {window.width} pixels recorded")
+                warn(f"no mask: the ball is taken to fill the {window.height} x {window.width} pixels recorded")
             return circle
     if abs(width - height) >= SNAP:
-        _warn(f"no mask: the ball is taken to fill the middle of the {height} x {width} photograph")
+        warn(f"no mask: the ball is taken to fill the middle of the {height} x {width} photograph")
     return whole
 
 
@@ -228,12 +228,8 @@ def _check(found: _Marked, mask: np.ndarray) -> None:
     if found.rim < _LEAST_RIM:
         raise ValueError(f"{seen}: it marks no ball; mark all of it, or give its circle: --circle X Y R")
     if found.rim < _LITTLE_RIM or found.fill < _LITTLE_FILL:
-        _warn(f"{seen}: the silhouette may be wrong; --circle X Y R gives it")
+        warn(f"{seen}: the silhouette may be wrong; --circle X Y R gives it")
     beside = mask & ~found.circle.holds(*mask.shape).numpy()
     if beside.sum() > _MUCH_BESIDE * mask.sum():
         share = beside.sum() / mask.sum()
-        _warn(f"{share:.0%} of the mask lie beside its largest part, a {found.circle}, and are not used")
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, UserWarning, stacklevel=4)
+        warn(f"{share:.0%} of the mask lie beside its largest part, a {found.circle}, and are not used")

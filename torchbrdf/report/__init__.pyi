@@ -1,3 +1,4 @@
+from ._description import in_words as in_words
 from ._silhouette_section import Scene as Scene
 from .comparison import Comparison as Comparison
 from .comparison_page import write_comparison as write_comparison

@@ -27,9 +27,13 @@ SEQUENTIAL = ((0.97, 0.97, 0.95), (0.99, 0.85, 0.55), (0.93, 0.55, 0.25), (0.70,
 """Display colours from 0 to the scale."""
 
 
-def diverging_css() -> str:
-    """The colours of `signed_map` as a CSS gradient, left to right."""
-    stops = (f"rgb({', '.join(str(round(255 * c)) for c in colour)})" for colour in DIVERGING)
+THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
+"""Of the light of polar plots."""
+
+
+def gradient_css(colours: Sequence[tuple[float, float, float]]) -> str:
+    """Display colours at equal distances, such as DIVERGING, as a CSS gradient, left to right."""
+    stops = (f"rgb({', '.join(str(round(255 * c)) for c in colour)})" for colour in colours)
     return f"linear-gradient(to right, {', '.join(stops)})"
 
 
@@ -46,12 +50,6 @@ def on_grey(image: Tensor, exposure: float, shown: Tensor, shape: Tensor) -> Ten
         grown = (share > 0) & ~known & ~shape
         values, known = torch.where(grown, blurred, values), known | grown
     return torch.where(known, values, SURROUND**DISPLAY_GAMMA / exposure)
-
-
-def sequential_css() -> str:
-    """The colours of `spread_map` as a CSS gradient, left to right."""
-    stops = (f"rgb({', '.join(str(round(255 * c)) for c in colour)})" for colour in SEQUENTIAL)
-    return f"linear-gradient(to right, {', '.join(stops)})"
 
 
 def spread_map(share: Tensor, scale: float, shown: Tensor) -> Tensor:

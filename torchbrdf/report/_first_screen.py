@@ -12,7 +12,7 @@ from torch.nn.functional import avg_pool2d
 from torchbrdf.estimation import Gap
 from torchbrdf.images import exposure_for, tone_map
 from torchbrdf.report._description import PEAK, Alike, Gloss, gloss_of, in_words, looks_clipped, most_alike
-from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map, theta_h_curve
+from torchbrdf.report._figures import SEQUENTIAL, gradient_css, on_grey, picture, spread_map, theta_h_curve
 from torchbrdf.report._improvements import ANOTHER_FIT, improvements, sentence
 from torchbrdf.report._pictures import ball, kind_of
 from torchbrdf.report._spread import NINETY, spread_scale
@@ -101,7 +101,7 @@ def _pictures(evidence: Evidence, view: View) -> str:
         small, shares = SphereView(evidence.spread.novel.shape[-1]), evidence.spread.novel
         scale = spread_scale(shares[small.mask])
         key = (
-            f'<span class="scale" style="background: {sequential_css()}"></span>'
+            f'<span class="scale" style="background: {gradient_css(SEQUENTIAL)}"></span>'
             f'<span class="ends"><span>0</span><span>{scale:.0%} or more</span></span>'
         )
         shown = ball(spread_map(shares, scale, small.mask), small, 1.0, "relative standard deviation of that", "wide")

@@ -4,9 +4,9 @@ import re
 from html import unescape
 from pathlib import PurePath
 
-import torch
 from torch import Tensor
 
+from torchbrdf.images import exposure_for_light
 from torchbrdf.light import LightProbe
 from torchbrdf.report._figures import on_grey, picture
 from torchbrdf.report.page import plate
@@ -34,8 +34,7 @@ def sphere_plate(image: Tensor, sphere: SphereView, exposure: float, caption: st
 def light_picture(probe: LightProbe, kind: str) -> str:
     """A small lat-long picture of a probe."""
     small = probe.resized(min(probe.height, _PROBE_ROWS)).radiance.cpu()
-    white = float(torch.quantile(small.amax(0), 0.93)) or float(small.max())
-    return picture(small, f"{short_name(probe)}, lat-long", 1 / white, kind)
+    return picture(small, f"{short_name(probe)}, lat-long", exposure_for_light(small.amax(0)), kind)
 
 
 def short_name(probe: LightProbe) -> str:

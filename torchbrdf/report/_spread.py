@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from torchbrdf.report._figures import on_grey, picture, sequential_css, spread_map
+from torchbrdf.report._figures import SEQUENTIAL, gradient_css, on_grey, picture, spread_map
 from torchbrdf.report._pictures import kind_of
 from torchbrdf.report.evidence import Evidence
 from torchbrdf.report.page import plate, section
@@ -40,7 +40,7 @@ def spread_section(evidence: Evidence, view: View) -> str:
         )
     ]
     key = (
-        f'<div><div class="scale" style="background: {sequential_css()}"></div><div class="ends"><span>0</span>'
+        f'<div><div class="scale" style="background: {gradient_css(SEQUENTIAL)}"></div><div class="ends"><span>0</span>'
         f"<span>{scale / 2:.0%}</span><span>{scale:.0%} of the radiance and more</span></div>"
         '<p class="note">One standard deviation of the radiance over the radiance, red, green and blue together. The '
         "first picture is small wherever the photograph was fitted; the second is what matters: where it is red, the "

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchbrdf.brdf import MerlTable, brdf_texture
 from torchbrdf.images import LUMINANCE, stops_for
 from torchbrdf.rendering import directional_pictures
-from torchbrdf.report._figures import CHANNEL_COLOURS, DIVERGING, diverging_css, sequential_css
+from torchbrdf.report._figures import CHANNEL_COLOURS, DIVERGING, SEQUENTIAL, gradient_css
 from torchbrdf.report._pictures import ball
 from torchbrdf.report.page import page, plate, section
 from torchbrdf.report.style import LIVE_STYLE
@@ -25,7 +25,7 @@ COMPARE_STYLE = (
 main {{ padding-top: 40px; }}
 h2 {{ margin-top: 44px; }}
 h3 {{ font-size: 15px; font-weight: 400; margin: 20px 0 8px; }}
-.scale {{ background: {diverging_css()}; }} .scale.steps {{ background: {sequential_css()}; }}
+.scale {{ background: {gradient_css(DIVERGING)}; }} .scale.steps {{ background: {gradient_css(SEQUENTIAL)}; }}
 .key .r {{ border-color: {CHANNEL_COLOURS[0]}; }} .key .g {{ border-color: {CHANNEL_COLOURS[1]}; }}
 .key .b {{ border-color: {CHANNEL_COLOURS[2]}; }}
 """

@@ -9,7 +9,15 @@ import numpy as np
 
 from torchbrdf.brdf import ALBEDO_DEG, delta_e_2000
 from torchbrdf.files import writing
-from torchbrdf.report._figures import log_range, on_grey, picture, plane_of_incidence, polar_plot, spread_map
+from torchbrdf.report._figures import (
+    THETA_I_DEG,
+    log_range,
+    on_grey,
+    picture,
+    plane_of_incidence,
+    polar_plot,
+    spread_map,
+)
 from torchbrdf.report._pictures import light_picture, short_name, sphere_plate
 from torchbrdf.report._slices import EXPLANATION, slice_exposures, slice_figure
 from torchbrdf.report._turned_spheres import TurnedSpheres, compare_document
@@ -17,7 +25,6 @@ from torchbrdf.report.comparison import Comparison, percentage
 from torchbrdf.report.page import plate, section
 from torchbrdf.view import SphereView
 
-_THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
 _DELTA_E_SCALES = (2.0, 5.0, 10.0, 20.0, 50.0)
 
 
@@ -121,7 +128,7 @@ def _slices(comparison: Comparison) -> str:
 
 def _polars(comparison: Comparison) -> str:
     ranges = [
-        log_range(np.concatenate([plane_of_incidence(table, angle)[1] for angle in _THETA_I_DEG]))
+        log_range(np.concatenate([plane_of_incidence(table, angle)[1] for angle in THETA_I_DEG]))
         for table in comparison.tables
     ]
     decades = min(low for low, _ in ranges), max(high for _, high in ranges)
@@ -131,7 +138,7 @@ def _polars(comparison: Comparison) -> str:
         figures = [
             f"<figure>{polar_plot(table, angle, decades, None if table is reference else reference)}<figcaption>"
             f"<b>{escape(name)}</b>, θ<sub>i</sub> = {angle:g}°</figcaption></figure>"
-            for angle in _THETA_I_DEG
+            for angle in THETA_I_DEG
         ]
         rows.append(_row(figures))
     return section(

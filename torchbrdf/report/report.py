@@ -18,8 +18,10 @@ from torchbrdf.images import LUMINANCE, exposure_for, stops_for
 from torchbrdf.report._candidates import classes_section
 from torchbrdf.report._figures import (
     CHANNEL_COLOURS,
+    DIVERGING,
+    THETA_I_DEG,
     bar,
-    diverging_css,
+    gradient_css,
     light_plan,
     log_range,
     on_grey,
@@ -47,7 +49,6 @@ _SIZE = 128
 _SAMPLES = 400
 """Pixels along a side of the spheres under light that was not observed, and samples a pixel, see `gather`."""
 
-_THETA_I_DEG = (0.0, 30.0, 60.0, 75.0)
 _N_WEIGHTS = 12
 _MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
 _LUMINANCE = torch.tensor(LUMINANCE)[:, None, None]
@@ -129,7 +130,8 @@ def _observed(evidence: Evidence, view: View) -> str:
         plate(
             picture(on_grey(map_colours, 1.0, used, shape), "signed difference, fit minus photograph", 1.0, kind),
             "<b>Fit − photograph</b>, luminance. Blue: the fit is darker; red: brighter."
-            f'<div class="scale" style="background: {diverging_css()}"></div><div class="ends">{bar_ends}</div>',
+            f'<div class="scale" style="background: {gradient_css(DIVERGING)}"></div>'
+            f'<div class="ends">{bar_ends}</div>',
         ),
     ]
     stops = f"{log2(exposure):+.1f}".replace("-", "−")
@@ -182,11 +184,11 @@ def _power(exposure: float) -> str:
 
 def _curves(evidence: Evidence) -> str:
     table = evidence.found.table
-    samples = np.concatenate([plane_of_incidence(table, theta_i)[1] for theta_i in _THETA_I_DEG])
+    samples = np.concatenate([plane_of_incidence(table, theta_i)[1] for theta_i in THETA_I_DEG])
     decades = log_range(samples)
     plots = "".join(
         f"<figure>{polar_plot(table, theta_i, decades)}<figcaption>θ<sub>i</sub> = {theta_i:g}°</figcaption></figure>"
-        for theta_i in _THETA_I_DEG
+        for theta_i in THETA_I_DEG
     )
     others = [theta_h_curve(other.table) for other in evidence.candidates if other is not evidence.found]
     key = "".join(

@@ -12,8 +12,9 @@ from math import log2, pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID
+from torchbrdf.brdf import GRID, cell_centres
 from torchbrdf.light import LightStrata
+from torchbrdf.transport._vectors import dot
 from torchbrdf.view import View
 
 _LEVELS = 6
@@ -38,7 +39,7 @@ class Lobes:
     @classmethod
     def unknown(cls, device: torch.device) -> "Lobes":
         """For a first look: falls with theta_h, whatever the material."""
-        theta_h = _row_angles(device)
+        theta_h = cell_centres(torch.float32)[0].ravel().to(device)
         return cls._blurred(((theta_h + 0.02) ** -2.6)[:, None].expand(GRID[:2]))
 
     @classmethod
@@ -56,7 +57,7 @@ class Lobes:
     @classmethod
     def _blurred(cls, squared: Tensor) -> "Lobes":
         """Means of the squares over discs of half vectors, by quadrature; then their root."""
-        theta_h = _row_angles(squared.device)[:, None, None]
+        theta_h = cell_centres(torch.float32)[0].to(squared.device)
         rho = torch.sqrt((torch.arange(8, dtype=torch.float32, device=squared.device) + 0.5) / 8)[:, None]
         cos_phi = torch.cos((torch.arange(8, dtype=torch.float32, device=squared.device) + 0.5) * (pi / 8))
         levels = []
@@ -66,10 +67,6 @@ class Lobes:
             rows = (torch.sqrt(theta * (2 / pi)) * GRID[0]).long().clamp(0, GRID[0] - 1)
             levels.append(squared[rows.flatten(1)].mean(1).sqrt())
         return cls(torch.stack(levels).float().contiguous())
-
-
-def _row_angles(device: torch.device) -> Tensor:
-    return ((torch.arange(GRID[0], dtype=torch.float32, device=device) + 0.5) / GRID[0]).square() * (pi / 2)
 
 
 def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Tensor) -> Tensor:
@@ -83,7 +80,7 @@ def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Te
     points = view.surface(pixels, *corners[:, None].expand(2, len(pixels), 5))
     n, w_o = points.normals[..., :1], points.view_dirs[..., :1]
     spread = torch.acos((n * points.normals).sum(0).amin(1, keepdim=True).clamp(-1, 1))
-    cos_i, along = _with_axes(n, strata.axis), _with_axes(w_o, strata.axis)
+    cos_i, along = dot(n, strata.axis), dot(w_o, strata.axis)  # unlike a matrix product the same for every Q
     reach = 1.05 * spread + strata.radius
     above = (cos_i + reach).clamp_min_(0)
     cosine = torch.minimum(above, 2 * reach).square_().div_(4 * reach).add_((cos_i - reach).clamp_min_(0))
@@ -99,11 +96,6 @@ def stratum_importance(strata: LightStrata, lobes: Lobes, view: View, pixels: Te
     at = level.mul_(GRID[0]).add_(row).mul_(GRID[1]).add_(column)
     lobe = lobes.table.reshape(-1).index_select(0, at.reshape(-1)).view(cosine.shape)
     return lobe.mul_(cosine).mul_(strata.share.float())
-
-
-def _with_axes(vectors: Tensor, axes: Tensor) -> Tensor:
-    """(Q, K): dot products of (3, Q, 1) and (3, K); unlike a matrix product the same for every Q."""
-    return (vectors[0] * axes[0]).addcmul_(vectors[1], axes[1]).addcmul_(vectors[2], axes[2])
 
 
 def representatives(profiles: Tensor, energy: Tensor) -> Tensor:

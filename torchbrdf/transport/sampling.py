@@ -17,6 +17,7 @@ from torch import Tensor
 from torchbrdf.brdf import GRID
 from torchbrdf.light import SIDE, LightStrata
 from torchbrdf.transport._importance import Lobes, stratum_importance
+from torchbrdf.transport._vectors import cross, dot
 from torchbrdf.view import SurfacePoints, View
 
 DIGITS = 24
@@ -178,18 +179,18 @@ def reflection(n: Tensor, w_o: Tensor, w_i: Tensor) -> Reflection:
     gives theta_h without cancellation; phi_d = atan2(2 n.(w_o x w_i) / |s|, cos_o - cos_i). Half vectors with
     uniform u = sqrt(theta_h 2 / pi) have p(h) = 1 / (2 pi^2 u sin(theta_h)), and p(w_i) = p(h) / (4 cos(theta_d)).
     """
-    cos_i, cos_o = _dot(n, w_i), _dot(n, w_o)
+    cos_i, cos_o = dot(n, w_i), dot(n, w_o)
     cos_s = cos_i + cos_o
     s = w_i + w_o
-    length = torch.sqrt(_dot(s, s)).clamp_min_(_TINY)
+    length = torch.sqrt(dot(s, s)).clamp_min_(_TINY)
     across = [torch.addcmul(s[axis], cos_s, n[axis], value=-1) for axis in range(3)]
-    sin_s = torch.sqrt(_dot(across, across))
+    sin_s = torch.sqrt(dot(across, across))
     u = torch.atan2(sin_s, cos_s).clamp_min_(0).mul_(2 / pi).sqrt_()
     density = (u * sin_s).mul_(4 * pi * pi).clamp_min_(_TINY).reciprocal_()
     row = u.mul_(GRID[0]).to(torch.int32).clamp_(0, GRID[0] - 1)
     theta_d = torch.acos((0.5 * length).clamp_max_(1))
     column = theta_d.mul_(GRID[1] * 2 / pi).to(torch.int32).clamp_(0, GRID[1] - 1)
-    sine = _dot(n, _cross(w_o, w_i)).mul_(2)
+    sine = dot(n, cross(w_o, w_i)).mul_(2)
     phi_d = torch.atan2(sine, (cos_o - cos_i).mul_(length)).mul_(GRID[2] / pi)
     phi_d = torch.where(phi_d < 0, phi_d + GRID[2], phi_d)
     visible = (cos_i > 0) & (cos_o > 0)
@@ -204,7 +205,7 @@ def _mirrored(normal: Tensor, w_o: Tensor, theta_h: Tensor, phi_h: Tensor) -> Te
     sin_h = torch.sin(theta_h)
     h = torch.cos(theta_h) * normal
     h.addcmul_(sin_h * torch.cos(phi_h), t).addcmul_(sin_h.mul_(torch.sin(phi_h)), b)
-    return h.mul_(2 * _dot(h, w_o)).sub_(w_o)
+    return h.mul_(2 * dot(h, w_o)).sub_(w_o)
 
 
 def _tangents(n: Tensor) -> tuple[Tensor, Tensor]:
@@ -214,14 +215,3 @@ def _tangents(n: Tensor) -> tuple[Tensor, Tensor]:
     c = n[0] * n[1] * a
     t = torch.stack([1 + sign * n[0] * n[0] * a, sign * c, -sign * n[0]])
     return t, torch.stack([c, sign + n[1] * n[1] * a, -n[1]])
-
-
-Components = Tensor | list[Tensor]
-
-
-def _dot(a: Components, b: Components) -> Tensor:
-    return (a[0] * b[0]).addcmul_(a[1], b[1]).addcmul_(a[2], b[2])
-
-
-def _cross(a: Tensor, b: Tensor) -> list[Tensor]:
-    return [torch.addcmul(a[i] * b[j], a[j], b[i], value=-1) for i, j in ((1, 2), (2, 0), (0, 1))]

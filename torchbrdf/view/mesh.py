@@ -1,13 +1,13 @@
 """`TriangleMesh`: the geometry of a known shape, read from a file and made sound."""
 
 import os
-import warnings
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
 
 import numpy as np
 
+from torchbrdf.arguments import warn
 from torchbrdf.files import existing_file, printable, writing
 from torchbrdf.view._gltf import read_gltf
 from torchbrdf.view._obj import read_obj
@@ -66,11 +66,11 @@ class TriangleMesh:
                 reason = f"all of its {n_lost} faces {_LOST}" if n_lost > 1 else f"the only face {_LOST_ONE}"
             raise ValueError(f"{path}: {reason}; a shape needs a mesh of triangles, not a point cloud")
         if n_lost:
-            _warn(f"{path}: left out " + (f"{n_lost} faces that {_LOST}" if n_lost > 1 else f"1 face that {_LOST_ONE}"))
+            warn(f"{path}: left out " + (f"{n_lost} faces that {_LOST}" if n_lost > 1 else f"1 face that {_LOST_ONE}"))
         if n_faces < n_given:
-            _warn(f"{path}: left out {n_given - n_faces} of {n_given} triangles, which have no area")
+            warn(f"{path}: left out {n_given - n_faces} of {n_given} triangles, which have no area")
         for reason in sorted({reason for _, reason in parts if reason}):
-            _warn(f"{path}: {reason}; smooth ones were computed from its faces")
+            warn(f"{path}: {reason}; smooth ones were computed from its faces")
         vertices, normals, triangles = zip(*(arrays for arrays, _ in parts), strict=True)
         offsets = np.cumsum([0] + [len(part) for part in vertices[:-1]])
         return cls(
@@ -164,7 +164,3 @@ def _with_normals(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray |
     triangles[lost] = len(placed) + np.arange(3 * len(corners)).reshape(-1, 3)
     vertices, normals = np.concatenate([placed, corners.reshape(-1, 3)]), np.concatenate([means, own.repeat(3, axis=0)])
     return (vertices, normals, triangles), reason
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, UserWarning, stacklevel=4)

@@ -16,7 +16,7 @@ from speed.inputs import TURNS, Inputs
 from speed.references import References
 from speed.settings import SIZE, TABLES
 from torchbrdf.images import relative_rms
-from torchbrdf.light import rotation_vector
+from torchbrdf.light import rotation_angle
 
 _SAMPLES = 4096
 """Of the pictures by which tables are judged."""
@@ -89,7 +89,7 @@ class Judge:
 
 def left(rotation: Tensor, search: str) -> Error:
     """Degrees between a rotation that `align` found and the true one."""
-    angle = degrees(float(rotation_vector(rotation.double() @ TURNS[search].T).norm()))
+    angle = degrees(rotation_angle(rotation.double() @ TURNS[search].T))
     return Error(angle, f"{angle:.2f} degrees")
 
 

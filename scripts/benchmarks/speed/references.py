@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 import torchbrdf as tb
-from harmonic import errors_of, reference_of
+from harmonic import reference_of
 from speed.inputs import images_of
+from torchbrdf.experiments import relative
 from torchbrdf.files import writing
 
 BASIS_SAMPLES, TABLE_SAMPLES = 32768, 131072
@@ -51,7 +52,7 @@ class Reference:
 
     def errors(self, found: Tensor) -> Tensor:
         """(n,) relative RMS errors of images (n, 3, P)."""
-        return errors_of(found * self.weights.sqrt(), self.images * self.weights.sqrt())
+        return relative(found * self.weights.sqrt(), self.images * self.weights.sqrt())
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class References:
             view = SomePixels(size, weights > 0)
             twins = [view.pack(images_of(values, probe, view, TABLE_SAMPLES, seed)) for seed in _SEEDS]
             mean, roots = (twins[0] + twins[1]) / 2, view.pack(weights).sqrt()
-            return view.mask, mean, errors_of(twins[0] * roots, mean * roots), view.pack(weights)[0]
+            return view.mask, mean, relative(twins[0] * roots, mean * roots), view.pack(weights)[0]
 
         return self._kept(f"tables-{'-'.join(files)}-{probe.fingerprint[:8]}-{size}-{TABLE_SAMPLES}", size, images)
 

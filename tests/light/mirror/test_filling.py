@@ -2,13 +2,13 @@
 
 import torch
 
-from mirror_balls import texels
+from probes import texel_directions
 from torchbrdf.light.mirror.filling import filled
 from torchbrdf.light.mirror.unwrapping import Seen
 
 
 def cap(height: int, towards: tuple[float, float, float], cosine: float) -> torch.Tensor:
-    return texels(height) @ torch.nn.functional.normalize(torch.tensor(towards), dim=0) > cosine
+    return texel_directions(height) @ torch.nn.functional.normalize(torch.tensor(towards), dim=0) > cosine
 
 
 def test_what_is_seen_stays():
@@ -29,7 +29,7 @@ def test_a_hole_lies_between_what_is_around_it():
 def test_a_harmonic_function_is_continued():
     """log tan(theta / 2), about an axis, across the seam in azimuth, and across a pole."""
     axis = torch.nn.functional.normalize(torch.tensor([0.2, 0.3, 1.0]), dim=0)
-    cosine = texels(64) @ axis
+    cosine = texel_directions(64) @ axis
     harmonic = (((1 + cosine) / (1 - cosine).clamp_min(1e-6)).log() / 2).expand(3, -1, -1)
     for towards in ((0.9, 0.1, 0.1), (0.0, 1.0, 0.0), (-0.4, -0.9, 0.1)):
         hole = cap(64, towards, 0.93)

@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from mirror_balls import BALL, CAMERA, photographed, room, scene, texels
+from mirror_balls import BALL, CAMERA, photographed, room, scene
+from probes import texel_directions
 from torchbrdf import LightProbe
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.light import rotation_of, rotation_vector
@@ -17,7 +18,7 @@ ROWS = 64
 
 def difference(found: Tensor, directions: Tensor | None = None) -> float:
     """From the scene: mean over the sphere, or over (H, 2 H) bool, relative."""
-    expected = scene(texels(found.shape[1])).permute(2, 0, 1)
+    expected = scene(texel_directions(found.shape[1])).permute(2, 0, 1)
     weights = LightProbe(expected).solid_angles
     weights = weights if directions is None else weights * directions
     return float(((found - expected).abs() * weights).sum() / (expected * weights).sum())
@@ -113,17 +114,17 @@ def test_a_lamp_too_bright_is_passed_on_where_it_is(rows):
     found = unwrapped([MirrorPhotograph(photographed(BALL, sunny), BALL)], height=rows)
     infinite = torch.isposinf(found.radiance)
     weights = LightProbe(torch.ones_like(found.radiance)).solid_angles
-    middle = (texels(rows) * (weights * infinite[0])[..., None]).sum((0, 1))
+    middle = (texel_directions(rows) * (weights * infinite[0])[..., None]).sum((0, 1))
     assert torch.equal(infinite, infinite[:1].expand(3, -1, -1))
     assert float(torch.nn.functional.normalize(middle, dim=0) @ SUN) > math.cos(math.radians(1 + 45 / rows))
-    assert difference(torch.where(infinite, scene(texels(rows)).permute(2, 0, 1), found.radiance)) < 0.03
+    assert difference(torch.where(infinite, scene(texel_directions(rows)).permute(2, 0, 1), found.radiance)) < 0.03
 
 
 def test_a_lamp_seen_from_two_sides_is_one():
     one = MirrorPhotograph(photographed(BALL, lambda d: torch.where(sunny(d) < math.inf, room(d), math.inf)), BALL)
     seen = photographed(OTHER, lambda d: torch.where(sunny(d @ TURN.T) < math.inf, room(d @ TURN.T), math.inf))
     found = unwrapped([one, MirrorPhotograph(seen, OTHER)], height=64)
-    toward = texels(64)[torch.isposinf(found.radiance[0])].double()
+    toward = texel_directions(64)[torch.isposinf(found.radiance[0])].double()
     assert float((toward @ SUN).min()) > math.cos(math.radians(8))
 
 
@@ -132,7 +133,7 @@ def test_a_lamp_beside_the_ball_is_passed_on(image):
     image[:, 2:4, 3:6] = math.inf
     found = unwrapped([MirrorPhotograph(image, BALL)], height=256)
     infinite = torch.isposinf(found.radiance[0])
-    place = CAMERA.project(texels(256)[infinite].double())
+    place = CAMERA.project(texel_directions(256)[infinite].double())
     assert len(place)
     assert (place - torch.tensor([4.5, 3.0])).abs().max() < 2.5
 
@@ -190,7 +191,7 @@ def test_a_second_photograph_fills_what_the_first_did_not_see(two):
     assert math.degrees(float(off)) < 0.15
     assert found.turn.gain == 1
     assert found.share(found.filled) == 0 < alone.share(alone.filled)
-    expected = room(texels(64)).permute(2, 0, 1)
+    expected = room(texel_directions(64)).permute(2, 0, 1)
     weights = LightProbe(expected).solid_angles
     errors = [float(((each.radiance - expected) ** 2 * weights).sum()) for each in (found, alone)]
     assert errors[0] < errors[1] / 2

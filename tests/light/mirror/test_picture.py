@@ -2,14 +2,15 @@
 
 import pytest
 
-from mirror_balls import BALL, photographed, scene, texels
+from mirror_balls import BALL, photographed, scene
+from probes import texel_directions
 from torchbrdf import LightProbe, write_image
 from torchbrdf.camera import Ball, PinholeCamera
 
 
 def difference(probe: LightProbe) -> float:
     """From the scene: mean over the sphere, relative."""
-    expected = scene(texels(probe.height)).permute(2, 0, 1)
+    expected = scene(texel_directions(probe.height)).permute(2, 0, 1)
     off = ((probe.radiance - expected).abs() * probe.solid_angles).sum()
     return float(off / (expected * probe.solid_angles).sum())
 
@@ -34,6 +35,6 @@ def test_a_circle_in_a_whole_photograph(tmp_path):
 
 
 def test_the_field_of_view_is_of_mirror_balls(tmp_path):
-    write_image(tmp_path / "map.exr", scene(texels(8)).permute(2, 0, 1))
+    write_image(tmp_path / "map.exr", scene(texel_directions(8)).permute(2, 0, 1))
     with pytest.raises(ValueError, match=r"--probe-fov \(fov_deg= in Python\) goes with --probe-layout mirror_ball"):
         LightProbe.open(tmp_path / "map.exr", fov_deg=40)

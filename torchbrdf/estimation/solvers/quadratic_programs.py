@@ -1,6 +1,6 @@
 """Small strictly convex quadratic programs, many at once: the projection of a point on a polyhedron in a metric.
 
-    minimise 1/2 (w - mean)^T H (w - mean)   subject to   w >= 0   or   A w >= b,   and at wish 1^T w = 1
+    minimise 1/2 (w - mean)^T H (w - mean)   subject to   w >= 0, at wish with 1^T w = 1,   or   A w >= b
 
 Both are one problem in other clothes, min 1/2 x^T M x - d^T x with x >= 0 (`active_set`): for w >= 0 it is the program
 itself, M = H, without its inverse; for rows it is the dual, M = A H^-1 A^T, whose unknowns are the multipliers. Given
@@ -105,10 +105,9 @@ def project_above(
     group: Tensor,
     rows: Tensor,
     bounds: Tensor,
-    sum_to_one: bool = False,
     start: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The w with rows w >= bounds, at wish of sum 1, nearest to the mean in the metric of L L^T.
+    """The w with rows w >= bounds nearest to the mean in the metric of L L^T.
 
     mean     (N, c)     float64
     factor   (S, c, c)  L, lower triangular
@@ -118,11 +117,6 @@ def project_above(
     start    (N, m)     multipliers to start from, at least 0 (those of an earlier call, 0 for new rows)
     returns  weights (N, c), with gradients to mean and factor; multipliers (N, m); iterations (N,) int64
     """
-    if sum_to_one:
-        toward = torch.linalg.solve_triangular(factor, torch.ones_like(factor[..., :1]), upper=False)
-        toward = toward / torch.linalg.vector_norm(toward, dim=-2, keepdim=True)
-        step = torch.linalg.solve_triangular(factor.mT, toward, upper=True)[..., 0]
-        mean = mean + (1 - mean.sum(-1, keepdim=True)) * (step / step.sum(-1, keepdim=True))[group]
     if not rows.shape[-2]:
         return mean, mean.new_zeros(len(mean), 0), torch.zeros(len(mean), dtype=torch.int64, device=mean.device)
     shared = rows.ndim == 2
@@ -130,9 +124,6 @@ def project_above(
         # where the rows are shared, so is M of each group
         own_factor = factor if shared else factor[group]
         spread = torch.linalg.solve_triangular(own_factor, rows.mT.expand(len(own_factor), -1, -1), upper=False)
-        if sum_to_one:
-            along = toward if shared else toward[group]
-            spread = spread - along @ (along.mT @ spread)
         scale = power_of_two(torch.linalg.vector_norm(spread, dim=-2).reciprocal())
         spread = spread * scale[:, None]
         own = group if shared else torch.arange(len(mean), device=mean.device)
@@ -147,8 +138,6 @@ def project_above(
     short = bounds.expand_as(end.x).gather(1, index) - (kept @ mean[..., None])[..., 0]
     local = scaled.gather(1, index)
     whitened = torch.linalg.solve_triangular(factor[group], (kept * local[..., None]).mT, upper=False)
-    if sum_to_one:
-        whitened = whitened - toward[group] @ (toward[group].mT @ whitened)
     block = without_padding(whitened.mT @ whitened, padded)
     lift = _refined(cholesky(block, _RIDGE), block, torch.where(padded, 0.0, short * local)[..., None])
     weights = mean + torch.linalg.solve_triangular(factor[group].mT, whitened @ lift, upper=True)[..., 0]

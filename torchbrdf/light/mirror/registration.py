@@ -13,7 +13,7 @@ from torch import Tensor
 from torchbrdf.images import luminance
 from torchbrdf.light.latlong import bilinear, resize
 from torchbrdf.light.mirror.unwrapping import Seen
-from torchbrdf.light.rotations import rotation_of, rotation_vector
+from torchbrdf.light.rotations import rotation_angle, rotation_of
 
 _FLOOR = 0.01
 """Of the mean luminance, which is added before the logarithm: darker than that is noise."""
@@ -59,7 +59,7 @@ class Registration:
     @property
     def degrees(self) -> float:
         """By which the second camera is turned."""
-        return degrees(float(rotation_vector(self.rotation).norm()))
+        return degrees(rotation_angle(self.rotation))
 
     def __str__(self) -> str:
         """For people."""

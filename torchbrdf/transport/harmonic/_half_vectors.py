@@ -6,7 +6,7 @@ from math import pi
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID, cell_index, half_difference
+from torchbrdf.brdf import cell_index, half_difference, row_edges
 from torchbrdf.transport.harmonic.grid import Zone
 
 
@@ -33,7 +33,7 @@ def half_vectors(zone: Zone, gamma: Tensor, tilt: Tensor, n: int) -> HalfVectors
     tilt  (Q,)  of the view direction away from the normal
     n     on a half circle about the normal
     """
-    edges = (torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)
+    edges = row_edges()
     edges = edges[: int((edges < zone.reach).sum()) + 1]
     middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
     theta_h = (middle[:, None] + half[:, None] * torch.tensor([-1.0, 1.0]) / 3**0.5).ravel()  # Gauss-Legendre

@@ -11,7 +11,7 @@ from torchbrdf.lasting import LastFew, lasting
 from torchbrdf.transport.harmonic._bilinear import bilinear
 from torchbrdf.transport.harmonic.grid import Zone
 from torchbrdf.transport.harmonic.splines import SUPPORT, banded_product
-from torchbrdf.transport.harmonic.views import in_perspective, widths_of
+from torchbrdf.transport.harmonic.views import in_perspective, surface_inside, widths_of
 from torchbrdf.view import View
 
 _PER_INTERVAL = 2
@@ -97,7 +97,8 @@ class PolarGrid:
 
     def _places(self, view: View, pixels: Tensor, at: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
         """(P, n n, 2): where `grid_sample` finds the points of pixels; and which are not turned away."""
-        (x, y, z), toward = _inside(view, pixels, at)
+        points = surface_inside(view, pixels, at)
+        (x, y, z), toward = points.normals, points.view_dirs
         gamma = torch.atan2(torch.hypot(x, y), z)
         if in_perspective(view):
             gamma = gamma + torch.atan2(torch.hypot(toward[0], toward[1]), toward[2]) / 2
@@ -125,13 +126,6 @@ def _values_to_rows(finest: Zone, zone: Zone) -> Tensor:
 
 def _points_of(view: View, pixels: Tensor, spacing: float) -> Tensor:
     """(P,) int64: how many points along a side of each pixel."""
-    normals = _inside(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float32))[0]
+    normals = surface_inside(view, pixels, torch.tensor([0.02, 0.5, 0.98], dtype=torch.float32)).normals
     counts = torch.tensor(_POINTS)
     return counts[torch.bucketize(widths_of(normals) / spacing, counts).clamp_max(len(counts) - 1)]
-
-
-def _inside(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
-    """Normals and view directions (3, P, n n) at a grid of n x n places inside pixels."""
-    v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
-    points = view.surface(pixels, u, v)
-    return points.normals, points.view_dirs

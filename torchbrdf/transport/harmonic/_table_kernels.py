@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.brdf import GRID, mirrored_cells
+from torchbrdf.brdf import GRID, mirrored_cells, row_edges
 from torchbrdf.lasting import lasting, on_disk
 from torchbrdf.transport.harmonic._bags import Bags
 from torchbrdf.transport.harmonic._waves import PLACES, waves
@@ -278,10 +278,9 @@ def _meridians(
     zone: Zone, azimuths: float, step: float
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """theta_h, the measure times the zone's window, azimuths of a half circle, and the first cell of the row."""
-    edges = ((torch.arange(GRID[0] + 1, dtype=torch.float64) / GRID[0]) ** 2 * (pi / 2)).tolist()
     knot = pi / zone.rows
     points = []
-    for i, (low, high) in enumerate(pairwise(edges)):
+    for i, (low, high) in enumerate(pairwise(row_edges().tolist())):
         if low < zone.reach:
             middle, half = (high + low) / 2, (high - low) / 2
             nodes, weights = np.polynomial.legendre.leggauss(max(1, ceil(4 * half / (knot * step))))

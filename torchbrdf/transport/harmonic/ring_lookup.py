@@ -16,7 +16,7 @@ from torch import Tensor
 from torchbrdf.transport.harmonic._mirror_images import MirrorImages, azimuths_of_images
 from torchbrdf.transport.harmonic.grid import Zone, tilt_of
 from torchbrdf.transport.harmonic.splines import SUPPORT
-from torchbrdf.transport.harmonic.views import in_perspective, widths_of
+from torchbrdf.transport.harmonic.views import in_perspective, surface_inside, widths_of
 from torchbrdf.view import View
 
 _POINTS = (10, 16, 24)
@@ -174,8 +174,7 @@ def _seen_at(view: View, pixels: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
 
     And by how much (Q, n n) the view directions are tilted against +Z.
     """
-    v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
-    points = view.surface(pixels, u, v)
+    points = surface_inside(view, pixels, at)
     x, y, z = points.view_dirs.double()
     tilt = torch.atan2(torch.hypot(x, y), z) if in_perspective(view) else torch.zeros_like(z)
     return points.normals.double(), tilt

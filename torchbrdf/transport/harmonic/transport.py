@@ -153,11 +153,6 @@ class HarmonicTransport:
         by_channel = image.view(len(image), len(rank), -1).transpose(1, 2)
         return by_channel.gather(2, rank.expand_as(by_channel))
 
-    def to(self, device: torch.device | str) -> "HarmonicTransport":
-        """On another device."""
-        groups, added = (tuple(group.to(device) for group in each) for each in (self.groups, self.added))
-        return HarmonicTransport(groups, added)
-
 
 def frequencies_of(light: Tensor) -> int:
     """How many azimuth frequencies (M, 6, elevations) hold all of the light but 1 / 30,000 of its amplitude.

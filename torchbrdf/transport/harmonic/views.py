@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.transport.harmonic.grid import HELD_DISTANCE
-from torchbrdf.view import SphereView, View
+from torchbrdf.view import SphereView, SurfacePoints, View
 
 NEAREST = HELD_DISTANCE
 """Least distance in radii of a perspective camera from the middle of a ball; docs/transport.md tells the errors."""
@@ -42,6 +42,12 @@ def in_perspective(view: View) -> bool:
 def recurs(view: View) -> bool:
     """Whether other photographs have the same view: spheres without perspective, of which there is one a size."""
     return type(view) is SphereView and not in_perspective(view)
+
+
+def surface_inside(view: View, pixels: Tensor, at: Tensor) -> SurfacePoints:
+    """Points (3, Q, n n) of the shape at a grid of places inside pixels (Q,), at (n,) in [0, 1) along both sides."""
+    v, u = (axis.reshape(1, -1).expand(len(pixels), -1) for axis in torch.meshgrid(at, at, indexing="ij"))
+    return view.surface(pixels, u, v)
 
 
 def widths_of(normals: Tensor) -> Tensor:
