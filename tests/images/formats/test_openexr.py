@@ -342,6 +342,7 @@ def test_alpha_that_tells_nothing_is_none(path, value):
     channels = {**rgb(values), "A": np.full((4, 6), value, "f4")}
     write_exr(path, channels)
     assert read_picture(path).alpha is None
+    channels["A"][1, 2] *= 1 - 1e-6  # as a sum over samples is off
     write_exr(path, channels, dataWindow=window(3, 2, 8, 5), displayWindow=window(0, 0, 20, 20))
     assert read_picture(path).alpha is None
     channels["A"][1, 2] = 0.3

@@ -17,6 +17,9 @@ MAX_PIXELS = 2**28
 
 _MAX_STRETCH = 1e-3
 
+_ROUNDING = 1e-3
+"""Relative differences of alpha below this tell nothing: renderers add it up, sample by sample."""
+
 
 class Window(NamedTuple):
     """A rectangle of pixels of a picture."""
@@ -67,7 +70,8 @@ class Stored:
         if self.alpha is None:
             return None
         recorded = self.alpha if self.window is None else self.alpha[self.window.slices]
-        return None if recorded.min() == recorded.max() else self.alpha
+        low, high = float(recorded.min()), float(recorded.max())
+        return None if high - low <= _ROUNDING * max(abs(low), abs(high)) else self.alpha
 
     def turned(self, orientation: int) -> Stored:
         """Upright, by the EXIF orientation 1 to 8 in which it is stored; others count as 1."""
