@@ -95,6 +95,7 @@ def _convert_table(options: argparse.Namespace, output: Path, findings: Findings
 def _convert_picture(options: argparse.Namespace, output: Path, findings: Findings) -> None:
     import torch
 
+    from torchbrdf.commands._carried import Carried
     from torchbrdf.images import DISPLAY_SUFFIXES, exposure_for, read_picture, write_image
 
     check_exposure(output, options.exposure)
@@ -108,7 +109,7 @@ def _convert_picture(options: argparse.Namespace, output: Path, findings: Findin
         said = [f"radiance times {exposure:.3g}"]
         shown = {"too bright for a number, white": infinite, "not a number, black": ~finite & ~infinite}
         said += [f"{int(where.sum())} of its pixels are {what}" for what, where in shown.items() if where.any()]
-    write_image(output, picture.image * exposure)
+    write_image(output, picture.image * exposure, **Carried.of(options.converted, picture).kept(output))
     if picture.about:
         findings.line(f"read {options.converted} ({'; '.join(picture.about)})")
     findings.line("; ".join([f"wrote {output}", *said]))
