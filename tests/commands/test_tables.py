@@ -196,6 +196,7 @@ class TestPrimariesOfAResult:
 
     def test_a_library_warns_of_it(self, capsys, library: list[str], result: Path):
         assert main(["classes", *library, "--library", str(result)]) == 0
-        assert f"{result / 'brdf.binary'}: its table is in aces-ap0, and this library is taken" in capsys.readouterr().err
+        said = f"{result / 'brdf.binary'}: its table is in aces-ap0, and this library is taken in rec709"
+        assert said in capsys.readouterr().err
         assert main(["classes", *library, "--library", str(result), "--without", "wide"]) == 0
         assert "aces-ap0" not in capsys.readouterr().err

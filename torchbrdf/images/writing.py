@@ -48,8 +48,8 @@ def write_image(
                Rec. 709
     alpha      (1, H, W) in [0, 1], .exr only
     envmap     says how light from all directions is laid out, .exr only
-    raises     ValueError for another shape or suffix, or metadata, alpha or envmap that the file cannot hold; OSError when the file
-               cannot be written
+    raises     ValueError for another shape or suffix, or metadata, alpha or envmap that the file cannot hold; OSError
+               when the file cannot be written
     """
     path = Path(path)
     check_image_suffix(path)
