@@ -3,14 +3,26 @@
 import json
 from pathlib import Path
 
+import OpenEXR
 import pytest
 import torch
 from torch import Tensor
 
 from failures import fails
+from picture_files import rgb, write_exr
 from torchbrdf.brdf.tables import read_table
 from torchbrdf.cli import main
-from torchbrdf.images import exposure_for, png_bytes, read_image, read_picture, write_image
+from torchbrdf.images import (
+    Shooting,
+    exposure_for,
+    png_bytes,
+    read_image,
+    read_metadata,
+    read_picture,
+    read_shooting,
+    write_image,
+)
+from torchbrdf.light import LightProbe
 
 
 def test_there_and_back(capsys, merl_directory: Path, tmp_path: Path):
@@ -113,3 +125,48 @@ def test_a_picture_is_no_table(capsys, tmp_path: Path):
     """Of any command: it was said to have a bad header."""
     line = fails(capsys, "render", tmp_path / "light.exr", "--probe", "default", "-o", tmp_path / "x.png")
     assert line.endswith("light.exr: is a picture (OpenEXR), not a table; give one, .binary, .fullbin, .bsdf")
+
+
+class TestWhatTheFileSays:
+    """Beside its colours: it was dropped, and the rows of a probe were taken to lie elsewhere."""
+
+    def test_a_light_probe_stays_one(self, capsys, tmp_path: Path):
+        about = {"mirrorBallFov": "20", "mirrorBallReflectance": "not given", "mirrorBallPhotographs": "0a"}
+        LightProbe(torch.rand(3, 8, 16)).save(tmp_path / "probe.exr", metadata=about)
+        assert main(["convert", str(tmp_path / "probe.exr"), str(tmp_path / "x.exr")]) == 0
+        assert capsys.readouterr().err == ""
+        said = read_metadata(tmp_path / "x.exr")
+        assert said == read_metadata(tmp_path / "probe.exr")
+        assert said.items() >= (about | {"probeRows": "poles", "probeLamps": "known"}).items()
+
+    def test_a_photograph_keeps_its_mask_and_camera(self, capsys, tmp_path: Path):
+        shooting = Shooting(focal_mm=50.0, focal_35mm_mm=75.0, size=(80, 120), camera="Maker Model")
+        alpha = (torch.rand(1, 8, 12) > 0.5).float()
+        write_image(tmp_path / "a.exr", torch.rand(3, 8, 12), shooting.attributes(), alpha=alpha)
+        assert main(["convert", str(tmp_path / "a.exr"), str(tmp_path / "x.exr")]) == 0
+        assert capsys.readouterr().err == ""
+        found = read_picture(tmp_path / "x.exr")
+        assert torch.equal(found.alpha, alpha)
+        assert torch.equal(found.image, read_image(tmp_path / "a.exr"))
+        assert read_shooting(tmp_path / "x.exr") == shooting
+
+    def test_an_environment_map_stays_one(self, tmp_path: Path):
+        write_exr(tmp_path / "a.exr", rgb(torch.rand(3, 8, 16).numpy()), envmap=OpenEXR.ENVMAP_LATLONG)
+        assert main(["convert", str(tmp_path / "a.exr"), str(tmp_path / "x.exr")]) == 0
+        one, other = (LightProbe.open(tmp_path / name) for name in ("a.exr", "x.exr"))
+        assert "its envmap attribute says" in other.reading
+        assert torch.equal(one.radiance, other.radiance)
+
+    def test_what_an_hdr_cannot_hold(self, capsys, tmp_path: Path):
+        LightProbe(torch.rand(3, 8, 16)).save(tmp_path / "probe.exr")
+        assert main(["convert", str(tmp_path / "probe.exr"), str(tmp_path / "x.hdr")]) == 0
+        lost = "a .hdr file does not hold how its rows lie (--probe-rows poles), that no lamp is clipped, which"
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line == f"torchbrdf: warning: {tmp_path / 'x.hdr'}: {lost} {tmp_path / 'probe.exr'} does; name it X.exr"
+        alpha = torch.eye(8)[None]
+        write_image(tmp_path / "a.exr", torch.rand(3, 8, 8), {"nominalFocalLength": 50.0}, alpha=alpha)
+        assert main(["convert", str(tmp_path / "a.exr"), str(tmp_path / "y.hdr")]) == 0
+        lost = "the camera's field of view, alpha, which is a photograph's mask, which"
+        assert lost in capsys.readouterr().err
+        assert main(["convert", str(tmp_path / "a.exr"), str(tmp_path / "y.png")]) == 0
+        assert capsys.readouterr().err == ""

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from failures import fails
 from torchbrdf.cli import main
 from torchbrdf.images import read_image
 from torchbrdf.light import LightProbe
@@ -40,3 +41,12 @@ def test_radiance_stays_as_it_is(rendered):
     (one, said), (thousand, _) = rendered("a.exr", 1.0), rendered("b.exr", 1000.0)
     assert "times" not in said
     assert torch.allclose(1000 * one, thousand, rtol=1e-4)
+
+
+def test_radiance_has_no_exposure(tiny_tables, tmp_path, capsys):
+    """It was left out without a word."""
+    tiny_tables["gold-0.3"].save(tmp_path / "gold.binary")
+    given = ("render", tmp_path / "gold.binary", "--probe", "default", "--exposure", 2, "-o", tmp_path / "x.exr")
+    line = fails(capsys, *given)
+    assert line.endswith("x.exr: --exposure is of a picture to look at; name it X.png or X.jpg, or leave it out")
+    assert not (tmp_path / "x.exr").exists()

@@ -10,6 +10,8 @@ import torch
 import torchbrdf as tb
 from failures import fails
 from torchbrdf.cli import main
+from torchbrdf.commands._inputs import open_table
+from torchbrdf.images import read_picture
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsize 34992012\n"
 BAD = {
@@ -142,3 +144,59 @@ class TestMixture:
         assert "mug" in captured.out
         assert "brdf_std" not in captured.out
         assert "twice in this library, where it counts twice: red and mug; leave one out" in captured.err
+
+
+class TestPrimariesOfAResult:
+    """A table of `fit --primaries` holds a factor of the light for each of those channels; it was taken as Rec. 709."""
+
+    @pytest.fixture
+    def result(self, merl_directory: Path, tmp_path: Path) -> Path:
+        (tmp_path / "wide").mkdir()
+        os.link(merl_directory / "white.binary", tmp_path / "wide" / "brdf.binary")
+        (tmp_path / "wide" / "weights.json").write_text('{"primaries": "aces-ap0"}')
+        return tmp_path / "wide"
+
+    @pytest.mark.parametrize("file", ["", "brdf.binary"])
+    @pytest.mark.parametrize(
+        ("command", "output"),
+        [("render", "x.exr"), ("compare", "x.html"), ("analytic", "x.gltf"), ("export", "x"), ("convert", "x.bsdf")],
+    )
+    def test_it_is_not_taken_in_others(
+        self, capsys, result: Path, merl_directory: Path, command: str, output: str, file: str
+    ):
+        given = result / file
+        more = (merl_directory / "white.binary",) if command == "compare" else ()
+        probe = ("--probe", "default") if command in ("render", "export") else ()
+        out = result.parent / output
+        line = fails(capsys, command, given, *more, *probe, "-o", out)
+        assert f"{given}: its table is in aces-ap0 (`fit --primaries`), and is taken in rec709 here; " in line
+        again = "fit the photograph again with --primaries rec709"
+        assert line.endswith(again if command == "convert" else f"give --primaries aces-ap0, or {again}")
+        assert not out.exists()
+
+    def test_it_is_lit_in_its_own(self, result: Path, tmp_path: Path):
+        given = ("render", str(result), "--probe", "default", "--primaries", "aces-ap0", "--size", "8")
+        assert main([*given, "-o", str(tmp_path / "x.exr")]) == 0
+        assert read_picture(tmp_path / "x.exr").about == ("aces-ap0 to rec709",)
+
+    def test_nor_is_one_in_rec709_taken_in_others(self, capsys, result: Path, tmp_path: Path):
+        (result / "weights.json").write_text('{"primaries": "rec709"}')
+        given = ("render", str(result), "--probe", "default", "--size", "8", "-o", str(tmp_path / "x.exr"))
+        assert "its table is in rec709" in fails(capsys, *given, "--primaries", "xyz")
+        assert main([*given]) == 0
+
+    @pytest.mark.parametrize("content", ["", "[]", '{"primaries": 3}', "{}"])
+    def test_what_says_nothing_is_taken_as_given(self, result: Path, content: str):
+        (result / "weights.json").write_text(content)
+        assert open_table(result).valid.any()
+
+    def test_files_of_materials_are_in_rec709(self, capsys, result: Path, tmp_path: Path):
+        line = fails(capsys, "analytic", result, "--primaries", "aces-ap0", "-o", tmp_path / "x.gltf")
+        assert "x.gltf: a material's file is in rec709, and --primaries is aces-ap0; fit the photograph again" in line
+
+    def test_a_library_warns_of_it(self, capsys, library: list[str], result: Path):
+        assert main(["classes", *library, "--library", str(result)]) == 0
+        said = f"{result / 'brdf.binary'}: its table is in aces-ap0, and this library is taken in rec709"
+        assert said in capsys.readouterr().err
+        assert main(["classes", *library, "--library", str(result), "--without", "wide"]) == 0
+        assert "aces-ap0" not in capsys.readouterr().err

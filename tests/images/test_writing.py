@@ -149,3 +149,18 @@ def test_a_png_is_rec_709_for_screens(tmp_path):
     wide, plain = (read_image(tmp_path / name, allow_ldr=True)[:, 0] for name in ("a.png", "b.png"))
     assert wide[0, 0] - wide[2, 0] > 1.2 * (plain[0, 0] - plain[2, 0])
     torch.testing.assert_close(wide[:, 1], plain[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "said"),
+    [
+        ("a.hdr", {"alpha": torch.ones(1, 9, 14)}, "only .exr files hold alpha and envmap; write an .exr"),
+        ("a.png", {"envmap": "cube"}, "only .exr files hold alpha and envmap; write an .exr"),
+        ("a.exr", {"alpha": torch.ones(9, 14)}, r"alpha must be \(1, 9, 14\), as the image is, got \(9, 14\)"),
+        ("a.exr", {"envmap": "ball"}, "envmap must be one of latlong, cube, got 'ball'"),
+    ],
+)
+def test_what_is_beside_the_colours_is_checked(tmp_path, name, more, said):
+    with pytest.raises(ValueError, match=said):
+        write_image(tmp_path / name, picture(), **more)
+    assert not list(tmp_path.iterdir())

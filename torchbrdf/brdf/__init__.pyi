@@ -45,6 +45,7 @@ from .norms import (
     norm_settings as norm_settings,
 )
 from .settings import (
+    EMBEDDED as EMBEDDED,
     METRIC_NAMES as METRIC_NAMES,
     RESULT as RESULT,
     RESULT_STD as RESULT_STD,

@@ -16,7 +16,6 @@ from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
 from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
 from torchbrdf.commands._results import (
-    WEIGHTS,
     check_inputs_stay,
     failure,
     obsolete,
@@ -24,10 +23,10 @@ from torchbrdf.commands._results import (
     say_doubts_of,
     write_table,
     write_views,
-    write_weights,
     written,
 )
 from torchbrdf.commands._said import Said, in_record, said_of, say
+from torchbrdf.commands._weights import WEIGHTS, write_weights
 from torchbrdf.files import writing_folder
 from torchbrdf.images import read_mask
 from torchbrdf.progress import progress_bar

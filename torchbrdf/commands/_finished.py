@@ -10,8 +10,8 @@ from typing import Any
 
 from torchbrdf._version import __version__
 from torchbrdf.brdf import RESULT
-from torchbrdf.commands._results import WEIGHTS
 from torchbrdf.commands._said import Said, in_record
+from torchbrdf.commands._weights import WEIGHTS
 from torchbrdf.files import cache_folder
 
 _LOCKS = "locks"

@@ -7,10 +7,19 @@ from contextlib import contextmanager
 from math import log
 from pathlib import Path
 
-from torchbrdf.brdf import RESULT, MaterialLibrary, MerlTable, read_table
+from torchbrdf.brdf import EMBEDDED, RESULT, MaterialLibrary, MerlTable, read_table, table_paths
 from torchbrdf.camera import Ball, PinholeCamera
+from torchbrdf.commands._weights import primaries_of
 from torchbrdf.files import did_you_mean, existing_file
-from torchbrdf.images import DEFAULT_SPACE, Shooting, converted, read_mask, read_shooting, readable_suffixes
+from torchbrdf.images import (
+    DEFAULT_SPACE,
+    ColourSpace,
+    Shooting,
+    converted,
+    read_mask,
+    read_shooting,
+    readable_suffixes,
+)
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import find_circle
 from torchbrdf.view import MESH_SUFFIXES, Camera, MeshView, NormalMapView, SphereView, View
@@ -69,7 +78,24 @@ def open_library(options: argparse.Namespace) -> MaterialLibrary:
     """The library of `--library`, else the embedded one; less what `--without` names."""
     if options.library is None:
         return MaterialLibrary.default().without(*options.without)
-    return MaterialLibrary.from_files(options.library, without=options.without)
+    library = MaterialLibrary.from_files(options.library, without=options.without)
+    _warn_of_primaries(options)
+    return library
+
+
+def _warn_of_primaries(options: argparse.Namespace) -> None:
+    """Of results in a library whose colours are neither those of the measured tables nor those asked for."""
+    wanted = getattr(options, "primaries", DEFAULT_SPACE)
+    for source in (Path(given) for given in options.library if given != EMBEDDED):
+        for path in table_paths(source) if source.is_dir() else [source]:
+            own = primaries_of(path)
+            if own in (None, DEFAULT_SPACE, wanted) or path.absolute().parent.name in options.without:
+                continue
+            text = (
+                f"{path}: its table is in {own}, and this library is taken in {wanted}, so its colours are off; fit "
+                f"its photograph again without --primaries, or leave it out, --without {path.absolute().parent.name}"
+            )
+            warnings.warn(text, UserWarning, stacklevel=3)
 
 
 def open_camera(options: argparse.Namespace, path: Path, size: tuple[int, int]) -> tuple[PinholeCamera | None, str]:
@@ -148,13 +174,29 @@ def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) 
     return NormalMapView.open(path)
 
 
-def open_table(path: Path) -> MerlTable:
-    """A MERL table or a measured material of the RGL database, or the table in a folder that `torchbrdf fit` wrote."""
-    if not path.is_dir():
-        return read_table(path if path.suffix else existing_file(path, "a MERL table or a folder of `torchbrdf fit`"))
-    if not (path / RESULT).is_file():
-        raise FileNotFoundError(f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`")
-    return read_table(path / RESULT)
+def open_table(path: Path, primaries: ColourSpace | None = None) -> MerlTable:
+    """A MERL table or a measured material of the RGL database, or the table in a folder that `torchbrdf fit` wrote.
+
+    primaries  the linear RGB of the light on it; None where there is none, and the table is taken in Rec. 709
+    Raises ValueError where it is a result in other primaries: it holds a factor of the light for each of their
+    channels, and the factors of other channels do not follow from these.
+    """
+    if path.is_dir():
+        if not (path / RESULT).is_file():
+            raise FileNotFoundError(
+                f"{path}: no {RESULT} in this folder; name a MERL table or a folder of `torchbrdf fit`"
+            )
+        table = path / RESULT
+    else:
+        table = path if path.suffix else existing_file(path, "a MERL table or a folder of `torchbrdf fit`")
+    wanted = primaries or DEFAULT_SPACE
+    if (own := primaries_of(table)) not in (None, wanted):
+        cure = f"fit the photograph again with --primaries {wanted}"
+        raise ValueError(
+            f"{path}: its table is in {own} (`fit --primaries`), and is taken in {wanted} here; "
+            + (cure if primaries is None else f"give --primaries {own}, or {cure}")
+        )
+    return read_table(table)
 
 
 def labels(paths: list[Path]) -> list[str]:

@@ -11,17 +11,16 @@ from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
 from torchbrdf.commands._photographs import Photograph
 from torchbrdf.commands._reconstruction import Fit, Setting, fit_of, summary, weights_record
 from torchbrdf.commands._results import (
-    WEIGHTS,
     check_inputs_stay,
     obsolete,
     products,
     say_doubts_of,
     write_table,
     write_views,
-    write_weights,
     written,
 )
 from torchbrdf.commands._said import Said, in_record, kept, say
+from torchbrdf.commands._weights import WEIGHTS, write_weights
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.files import writing_folder
 from torchbrdf.photograph import Observation

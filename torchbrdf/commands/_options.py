@@ -107,6 +107,14 @@ def add_exposure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure", type=number(0), metavar="X", help=text)
 
 
+def check_exposure(output: Path, exposure: float | None) -> None:
+    """Raise ValueError for an `--exposure` of a file of radiance, which has none."""
+    from torchbrdf.images import DISPLAY_SUFFIXES
+
+    if exposure is not None and output.suffix.lower() not in DISPLAY_SUFFIXES:
+        raise ValueError(f"{output}: --exposure is of a picture to look at; name it X.png or X.jpg, or leave it out")
+
+
 def add_table(parser: argparse.ArgumentParser) -> None:
     """The table that a command is about; see `_inputs.open_table`."""
     parser.add_argument("brdf", type=Path, metavar="BRDF", help=TABLE_HELP)

@@ -13,12 +13,9 @@ from torchbrdf.commands import _alignment
 from torchbrdf.commands._lit_sight import LitSight
 from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
 from torchbrdf.commands._said import say_doubts
-from torchbrdf.files import writing
+from torchbrdf.commands._weights import WEIGHTS, write_weights
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
 from torchbrdf.report import Doubt, Scene, doubts_without_pictures, write_report
-
-WEIGHTS = "weights.json"
-"""Written last: where it is, the others are whole."""
 
 _ALIGNED = ("alignment.json", "aligned_probe.exr")
 _REPORT = "report.html"
@@ -160,9 +157,3 @@ def write_page(
 def say_doubts_of(fitted: Fit) -> None:
     """Say what the report would, as far as no picture is needed for it."""
     say_doubts(doubts_without_pictures(fitted.result, fitted.subject.basis, fitted.table))
-
-
-def write_weights(folder: Path, record: Mapping[str, object]) -> None:
-    """Write weights.json."""
-    with writing(folder / WEIGHTS) as path:
-        path.write_text(json.dumps(record, indent=1) + "\n")

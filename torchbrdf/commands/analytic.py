@@ -60,20 +60,25 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._analytic_files import Fits, uncertainty_of, write_preview
     from torchbrdf.commands._inputs import about, labels, open_probe, open_table
     from torchbrdf.commands._refinement import Refinement, check_pair
-    from torchbrdf.images import check_image_suffix
+    from torchbrdf.images import DEFAULT_SPACE, check_image_suffix
     from torchbrdf.mitsuba_startup import mitsuba_program
 
     check_pair(options)
     if options.format and not options.output:
         raise ValueError(f"--format {options.format} needs a file to write: -o FILE")
     wanted = None if options.output is None else format_of(options.output, options.format)
+    if wanted is not None and options.primaries != DEFAULT_SPACE:
+        raise ValueError(
+            f"{options.output}: a material's file is in {DEFAULT_SPACE}, and --primaries is {options.primaries}; fit "
+            f"the photograph again with --primaries {DEFAULT_SPACE}, or leave -o out"
+        )
     model = model_of(options.model or (DEFAULT_MODEL if wanted is None else wanted.model)).name
     if options.preview is not None:
         check_image_suffix(options.preview)
     options.probe = options.probe or "default"
     with ExitStack() as files:
         output, preview = (path and files.enter_context(writing(path)) for path in (options.output, options.preview))
-        table = replace(open_table(options.brdf), name=labels([options.brdf])[0])
+        table = replace(open_table(options.brdf, options.primaries), name=labels([options.brdf])[0])
         probe = open_probe(options) if preview or options.photograph else None
         refinement = Refinement.of(options, probe) if probe and options.photograph else None
         uncertainty = uncertainty_of(options.brdf, findings)

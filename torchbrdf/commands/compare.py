@@ -35,7 +35,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     if options.output.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"{options.output}: the comparison is a page; name it X.html")
     with writing(options.output) as temporary:
-        tables = [open_table(path) for path in paths]
+        tables = [open_table(path, options.primaries) for path in paths]
         names = labels(paths)
         probe = open_probe(options)
         comparison = Comparison.of(tables, probe, names, size=options.size, samples=options.samples)

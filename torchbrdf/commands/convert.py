@@ -5,7 +5,7 @@ from pathlib import Path
 
 from torchbrdf.brdf import METRIC_NAMES, RGL_SUFFIX, TABLE_SUFFIX
 from torchbrdf.commands._findings import Findings
-from torchbrdf.commands._options import TABLE_HELP, add_exposure
+from torchbrdf.commands._options import TABLE_HELP, add_exposure, check_exposure
 
 EXAMPLES = (
     "torchbrdf convert result gold.bsdf",
@@ -95,8 +95,10 @@ def _convert_table(options: argparse.Namespace, output: Path, findings: Findings
 def _convert_picture(options: argparse.Namespace, output: Path, findings: Findings) -> None:
     import torch
 
+    from torchbrdf.commands._carried import Carried
     from torchbrdf.images import DISPLAY_SUFFIXES, exposure_for, read_picture, write_image
 
+    check_exposure(output, options.exposure)
     to_look_at = output.suffix.lower() in DISPLAY_SUFFIXES
     picture = read_picture(options.converted, True if to_look_at else None, layer=options.layer)
     exposure, said = 1.0, []
@@ -107,9 +109,7 @@ def _convert_picture(options: argparse.Namespace, output: Path, findings: Findin
         said = [f"radiance times {exposure:.3g}"]
         shown = {"too bright for a number, white": infinite, "not a number, black": ~finite & ~infinite}
         said += [f"{int(where.sum())} of its pixels are {what}" for what, where in shown.items() if where.any()]
-    elif options.exposure is not None:
-        raise ValueError(f"{output}: --exposure is of a picture to look at; name it X.png or X.jpg, or leave it out")
-    write_image(output, picture.image * exposure)
+    write_image(output, picture.image * exposure, **Carried.of(options.converted, picture).kept(output))
     if picture.about:
         findings.line(f"read {options.converted} ({'; '.join(picture.about)})")
     findings.line("; ".join([f"wrote {output}", *said]))

@@ -24,7 +24,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._inputs import open_probe, open_table, open_view
     from torchbrdf.mitsuba_backend import RENDER_SCRIPT, export_scene
 
-    table = open_table(options.brdf)
+    table = open_table(options.brdf, options.primaries)
     written = export_scene(table, open_probe(options), open_view(options, options.size), options.output)
     findings.line(f"wrote {options.output}; `python {options.output / RENDER_SCRIPT}` renders it")
     findings.add_files(*written)

@@ -77,16 +77,15 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._lit_sight import Inputs, lit_sight
     from torchbrdf.commands._reconstruction import summary, weights_record
     from torchbrdf.commands._results import (
-        WEIGHTS,
         check_inputs_stay,
         obsolete,
         products,
         say_doubts_of,
         write_table,
         write_views,
-        write_weights,
         written,
     )
+    from torchbrdf.commands._weights import WEIGHTS, write_weights
     from torchbrdf.report import in_words
 
     files = products(options)

@@ -3,7 +3,15 @@
 import argparse
 
 from torchbrdf.commands._findings import Findings
-from torchbrdf.commands._options import add_exposure, add_light, add_output, add_samples, add_size, add_table
+from torchbrdf.commands._options import (
+    add_exposure,
+    add_light,
+    add_output,
+    add_samples,
+    add_size,
+    add_table,
+    check_exposure,
+)
 from torchbrdf.files import writing
 
 EXAMPLES = (
@@ -29,9 +37,10 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.view import SphereView
 
     check_image_suffix(options.output)
+    check_exposure(options.output, options.exposure)
     with writing(options.output) as temporary:
         probe = open_probe(options)
-        table = open_table(options.brdf)
+        table = open_table(options.brdf, options.primaries)
         view = SphereView(options.size)
         image = render(table, probe, view, options.samples)
         exposure, said = 1.0, ""

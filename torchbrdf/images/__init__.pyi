@@ -29,6 +29,7 @@ from .masks import (
 )
 from .pictures import (
     Picture as Picture,
+    read_environment_map as read_environment_map,
     read_image as read_image,
     read_metadata as read_metadata,
     read_picture as read_picture,
@@ -43,6 +44,7 @@ from .settings import (
     DEFAULT_SPACE as DEFAULT_SPACE,
     ColourSpace as ColourSpace,
     Encoding as Encoding,
+    EnvironmentMap as EnvironmentMap,
 )
 from .shooting import (
     RAW_SUFFIXES as RAW_SUFFIXES,
@@ -52,6 +54,7 @@ from .shooting import (
 from .vectors import read_vectors as read_vectors
 from .writing import (
     DISPLAY_SUFFIXES as DISPLAY_SUFFIXES,
+    LONGEST_KEY as LONGEST_KEY,
     check_image_suffix as check_image_suffix,
     png_bytes as png_bytes,
     write_image as write_image,

@@ -16,7 +16,7 @@ from torchbrdf.files import existing_file
 from torchbrdf.images.encodings import DECODERS, LINEAR, Transfer
 from torchbrdf.images.formats import Stored, Window, read_headers, read_stored
 from torchbrdf.images.primaries import SPACES, Primaries, conversion
-from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, Encoding
+from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, Encoding, EnvironmentMap
 
 OWN_KEYS = (
     "channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "maxSamplesPerPixel", "name",
@@ -159,3 +159,12 @@ def read_metadata(path: str | os.PathLike[str]) -> dict[str, str]:
         raise ValueError(f"{path}: image suffix {path.suffix!r} is not supported; use .exr")
     header: Mapping[str, object] = read_headers(path)[0]
     return {key: value for key, value in header.items() if isinstance(value, str) and key not in OWN_KEYS}
+
+
+def read_environment_map(path: str | os.PathLike[str]) -> EnvironmentMap | None:
+    """What an .exr file's `envmap` attribute says; None where it has none. Raises as `read_metadata`."""
+    import OpenEXR
+
+    kinds: dict[object, EnvironmentMap] = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
+    kind = read_headers(Path(path))[0].get("envmap")  # of any type, in files of others
+    return kinds[kind] if isinstance(kind, type(OpenEXR.ENVMAP_CUBE)) else None

@@ -7,5 +7,8 @@ ColourSpace = Literal["rec709", "rec2020", "p3-d65", "aces-ap0", "aces-ap1", "xy
 
 DEFAULT_SPACE: ColourSpace = "rec709"
 
+EnvironmentMap = Literal["latlong", "cube"]
+"""How an .exr file that says to be one holds light from all directions [EXR]."""
+
 Encoding = Literal["linear", "srgb", "gamma2.2"]
 """What integers of a picture stand for: see `encodings.DECODERS`."""

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import torch
@@ -13,7 +14,7 @@ from torchbrdf.images.display import tone_map
 from torchbrdf.images.formats import quiet_decoders
 from torchbrdf.images.pictures import OWN_KEYS
 from torchbrdf.images.primaries import SPACES, converted
-from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace
+from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, EnvironmentMap
 
 DISPLAY_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of files for eyes, whose pixels are tone mapped."""
@@ -22,7 +23,8 @@ _SUFFIXES = (".exr", ".hdr", *DISPLAY_SUFFIXES)
 _PNG_COMPRESSION = 4
 """Of zlib: a report is a quarter smaller than with OpenCV's 1, and the 30 pictures take 20 ms more."""
 
-_LONGEST_KEY = 31  # of an OpenEXR attribute that every reader accepts
+LONGEST_KEY = 31
+"""Of an OpenEXR attribute that every reader accepts, in bytes."""
 
 
 def write_image(
@@ -31,6 +33,8 @@ def write_image(
     metadata: Mapping[str, str | float] | None = None,
     *,
     primaries: ColourSpace = DEFAULT_SPACE,
+    alpha: Tensor | None = None,
+    envmap: EnvironmentMap | None = None,
 ) -> None:
     """Write an image; the suffix chooses the format.
 
@@ -42,18 +46,22 @@ def write_image(
                characters, none of those that OpenEXR itself needs
     primaries  the colour space of the image, which .exr and .hdr files then name; for display it is converted to
                Rec. 709
-    raises     ValueError for another shape or suffix, or metadata that the file cannot hold; OSError when the file
-               cannot be written
+    alpha      (1, H, W) in [0, 1], .exr only
+    envmap     says how light from all directions is laid out, .exr only
+    raises     ValueError for another shape or suffix, or metadata, alpha or envmap that the file cannot hold; OSError
+               when the file cannot be written
     """
     path = Path(path)
     check_image_suffix(path)
     _check_image(image)
     suffix = path.suffix.lower()
     _check_metadata(metadata or {}, path)
+    _check_beside(alpha, envmap, image, path)
     pixels = image.detach().to("cpu", torch.float32).numpy()
     with writing(path) as temporary:
         if suffix == ".exr":
-            _write_exr(temporary, pixels, {**(metadata or {}), **_named_colours(primaries)})
+            header = {**(metadata or {}), **_named_colours(primaries)}
+            _write_exr(temporary, pixels, header, alpha, envmap)
         elif suffix in DISPLAY_SUFFIXES:
             temporary.write_bytes(_display_bytes(suffix, converted(image, primaries, DEFAULT_SPACE)))
         else:
@@ -106,10 +114,19 @@ def _check_metadata(metadata: Mapping[str, str | float], path: Path) -> None:
             raise ValueError(f"metadata must be text or numbers by name, got {key!r}: {value!r}")
         if key in OWN_KEYS:
             raise ValueError(f"metadata must not be named {key!r}, which OpenEXR keeps for itself; choose another name")
-        if not 1 <= len(key.encode()) <= _LONGEST_KEY or "\0" in f"{key}{value}":
+        if not 1 <= len(key.encode()) <= LONGEST_KEY or "\0" in f"{key}{value}":
             raise ValueError(
-                f"metadata needs names of 1 to {_LONGEST_KEY} characters and no zero bytes, got {key!r}: {value!r}"
+                f"metadata needs names of 1 to {LONGEST_KEY} characters and no zero bytes, got {key!r}: {value!r}"
             )
+
+
+def _check_beside(alpha: Tensor | None, envmap: EnvironmentMap | None, image: Tensor, path: Path) -> None:
+    if (alpha is not None or envmap is not None) and path.suffix.lower() != ".exr":
+        raise ValueError(f"{path}: only .exr files hold alpha and envmap; write an .exr, or leave them out")
+    if alpha is not None and alpha.shape != (1, *image.shape[1:]):
+        raise ValueError(f"alpha must be {(1, *image.shape[1:])}, as the image is, got {tuple(alpha.shape)}")
+    if envmap not in (None, *get_args(EnvironmentMap)):
+        raise ValueError(f"envmap must be one of {', '.join(get_args(EnvironmentMap))}, got {envmap!r}")
 
 
 def _encode(suffix: str, pixels: np.ndarray) -> bytes:
@@ -123,12 +140,22 @@ def _encode(suffix: str, pixels: np.ndarray) -> bytes:
     return encoded.tobytes()
 
 
-def _write_exr(path: Path, pixels: np.ndarray, metadata: Mapping[str, object]) -> None:
+def _write_exr(
+    path: Path,
+    pixels: np.ndarray,
+    metadata: Mapping[str, object],
+    alpha: Tensor | None,
+    envmap: EnvironmentMap | None,
+) -> None:
     import OpenEXR
 
     header = {**metadata, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if envmap is not None:
+        header["envmap"] = {"latlong": OpenEXR.ENVMAP_LATLONG, "cube": OpenEXR.ENVMAP_CUBE}[envmap]
     # OpenEXR 3.5 silently writes wrong pixels for a non-contiguous array.
     channels = {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", pixels, strict=True)}
+    if alpha is not None:
+        channels["A"] = np.ascontiguousarray(alpha.detach().to("cpu", torch.float32)[0].numpy())
     try:
         with quiet_decoders(), OpenEXR.File(header, channels) as file:
             file.write(str(path))

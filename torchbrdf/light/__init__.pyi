@@ -1,4 +1,8 @@
-from ._picture import checked_reflectance as checked_reflectance
+from ._picture import (
+    LAMPS_KEY as LAMPS_KEY,
+    ROWS_KEY as ROWS_KEY,
+    checked_reflectance as checked_reflectance,
+)
 from .lamps import Lamps as Lamps, clipped_share as clipped_share
 from .latlong import (
     area_mean as area_mean,

@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball, PinholeCamera
-from torchbrdf.images import ColourSpace, Picture, read_picture
-from torchbrdf.images.formats import read_headers
+from torchbrdf.images import ColourSpace, Picture, read_environment_map, read_metadata, read_picture
 from torchbrdf.light._soundness import fill, share_and_place, sound, warn
 from torchbrdf.light.lamps import Lamps, bounded, lamps_of
 from torchbrdf.light.latlong import LEAST_HEIGHT, from_bands, from_edge_columns, resize, row_solid_angles
@@ -197,11 +196,5 @@ def _said_by(path: Path) -> tuple[str | None, str | None, bool]:
     """What an .exr file says: our own mark of its rows; "latlong" or "cube" where it is an environment map; KNOWN."""
     if path.suffix.lower() != ".exr":
         return None, None, False
-    import OpenEXR
-
-    header = read_headers(path)[0]
-    kinds = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
-    rows, kind = header.get(ROWS_KEY), header.get("envmap")  # of any type, in files of others
-    kind = kinds[kind] if isinstance(kind, type(OpenEXR.ENVMAP_CUBE)) else None
-    lamps = header.get(LAMPS_KEY)
-    return rows if isinstance(rows, str) else None, kind, isinstance(lamps, str) and lamps == KNOWN
+    said = read_metadata(path)
+    return said.get(ROWS_KEY), read_environment_map(path), said.get(LAMPS_KEY) == KNOWN
