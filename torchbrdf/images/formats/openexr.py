@@ -11,6 +11,7 @@ import numpy as np
 
 from torchbrdf.files import printable
 from torchbrdf.images.formats._quiet import quiet_decoders
+from torchbrdf.images.formats._space_names import space_named
 from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, Window, check_pixel_aspect, unreadable
 from torchbrdf.images.primaries import Primaries
 
@@ -233,7 +234,7 @@ def _placed(
 
 def _colours(path: Path, header: Mapping[str, Any]) -> Colours:
     if "chromaticities" not in header:
-        return Colours()
+        return Colours(primaries=space_named(path, header))
     try:
         return Colours(primaries=Primaries.of(tuple(float(number) for number in header["chromaticities"])))
     except (TypeError, ValueError) as error:
