@@ -13,7 +13,7 @@ from torchbrdf.images.primaries import SPACES, Primaries
 from torchbrdf.images.settings import ColourSpace
 
 _KEYS = ("colorInteropID", "oiio:ColorSpace", "colorspace")
-"""Attributes that hold a name: of the Color Interop Forum, OpenImageIO, others; the first that says something counts."""
+"""Attributes that hold a name: of the Color Interop Forum, OpenImageIO, others; the first that says anything counts."""
 
 _SAY_NOTHING = {"", "linear", "lin", "scenelinear", "rolescenelinear", "raw", "data", "noncolor", "unknown", "none"}
 
@@ -39,8 +39,10 @@ def space_named(path: Path, header: Mapping[str, Any]) -> Primaries | None:
     Warns of a name that is none of a linear space that is known, as those of encodings are.
     """
     for key in _KEYS:
-        said = header.get(key)
-        name = re.sub(r"[\W_]+", "", said.casefold()) if isinstance(said, str) else ""
+        said = header.get(key, "")
+        if not isinstance(said, str):
+            continue
+        name = re.sub(r"[\W_]+", "", said.casefold())
         if name in _SAY_NOTHING:
             continue
         space = _SPACES_BY_NAME.get(_PREFIX.sub("", name).replace("linear", "lin", 1).removesuffix("scene"))
