@@ -131,6 +131,6 @@ def _write_exr(path: Path, pixels: np.ndarray, metadata: Mapping[str, object]) -
     channels = {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", pixels, strict=True)}
     try:
         with quiet_decoders(), OpenEXR.File(header, channels) as file:
-            file.write(str(path))
+            file.write(os.fsencode(path))
     except RuntimeError as error:
         raise OSError(str(error)) from None
