@@ -40,6 +40,13 @@ def test_photograph_that_is_no_image(capsys, tmp_path):
     assert "notes.exr" in assert_fit_fails(capsys, tmp_path, path)
 
 
+def test_a_layout_of_the_default_probe_is_refused_before_its_mirror_is_doubted(capsys, tmp_path, photo):
+    options = ["--probe", "default", "--probe-layout", "mirror_ball", "-o", str(tmp_path / "o")]
+    assert main(["fit", str(photo), *options]) == 2
+    line = "torchbrdf: error: --probe-layout is for a probe from a file, and --probe is default"
+    assert capsys.readouterr().err.splitlines() == [line]
+
+
 def test_eight_bit_photograph(capsys, tmp_path):
     path = tmp_path / "photo.png"
     tb.write_image(path, torch.full((3, SIZE, SIZE), 0.5))
