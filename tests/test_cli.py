@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -12,9 +13,10 @@ import torch
 import torchbrdf as tb
 from failures import assert_fit_fails, fails
 from torchbrdf.brdf.merl import FILE_BYTES, GRID
-from torchbrdf.cli import main, parser
+from torchbrdf.cli import _load_torch, main, parser
 from torchbrdf.commands._reconstruction import fit, summary, weights_record
 from torchbrdf.estimation.lobe_bounds import LobeBounds
+from torchbrdf.interruption import interruptible
 from torchbrdf.photograph.observation import Observation
 
 SIZE = 16
@@ -36,6 +38,13 @@ def test_photograph_that_is_no_image(capsys, tmp_path):
     path = tmp_path / "notes.exr"
     path.write_text("these are notes")
     assert "notes.exr" in assert_fit_fails(capsys, tmp_path, path)
+
+
+def test_a_layout_of_the_default_probe_is_refused_before_its_mirror_is_doubted(capsys, tmp_path, photo):
+    options = ["--probe", "default", "--probe-layout", "mirror_ball", "-o", str(tmp_path / "o")]
+    assert main(["fit", str(photo), *options]) == 2
+    line = "torchbrdf: error: --probe-layout is for a probe from a file, and --probe is default"
+    assert capsys.readouterr().err.splitlines() == [line]
 
 
 def test_eight_bit_photograph(capsys, tmp_path):
@@ -308,3 +317,16 @@ def test_errors_have_a_colour_on_a_terminal(environment, coloured):
         os.close(theirs)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert said.startswith("torchbrdf: \x1b[1;31merror:\x1b[0m argument" if coloured else "torchbrdf: error: argument")
+
+
+def test_a_signal_while_torch_loads_is_not_lost(tmp_path, monkeypatch):
+    """Initialisers of its extensions swallow what is raised in them."""
+    lines = ["import contextlib, signal", "with contextlib.suppress(KeyboardInterrupt):"]
+    (tmp_path / "torch.py").write_text("\n".join([*lines, "    signal.raise_signal(signal.SIGINT)", "loaded = True"]))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "torch")
+    monkeypatch.setattr("gc.freeze", lambda: None)
+    with pytest.raises(KeyboardInterrupt), interruptible() as interruption:
+        _load_torch()
+    assert interruption.received == signal.SIGINT
+    assert sys.modules["torch"].loaded

@@ -3,6 +3,7 @@
 import argparse
 import atexit
 import gc
+import io
 import os
 import sys
 import warnings
@@ -12,6 +13,7 @@ import torchbrdf
 from torchbrdf import commands
 from torchbrdf.brdf import TABLE_SUFFIXES
 from torchbrdf.command_line import BAD_INPUT, WARNED, BadUsageError, exit_status, inputs_of, say
+from torchbrdf.interruption import uninterrupted
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -19,12 +21,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0; 2 for bad input (one line on stderr); 3 for warnings with `--strict`; else as `exit_status`.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr does: no name of a file ends a command
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = parser(*words[:1]).parse_args(words)
     except BadUsageError as error:
         _finish_without_options(words, error)
         raise
+    except SystemExit:  # after --help and --version
+        sys.exit(_finished(commands.Findings(None), 0))
     findings = commands.Findings.of(options)
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
@@ -45,8 +51,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         count = len(findings.warnings)
         say(commands.NAME, f"{count} warning{'s' * (count > 1)} with --strict; what was written stays")
         status = WARNED
-    findings.finish(status)
-    return status
+    return _finished(findings, status)
+
+
+def _finished(findings: commands.Findings, status: int) -> int:
+    """Print what is left; the exit status, BAD_INPUT where standard output does not take what people wait for."""
+    error = findings.finish(status)
+    if error is None:
+        return status
+    say(commands.NAME, f"standard output: cannot be written ({error.strerror}); files that were written stay", "error")
+    return status or BAD_INPUT
 
 
 def _finish_without_options(words: Sequence[str], error: BadUsageError) -> None:
@@ -54,7 +68,7 @@ def _finish_without_options(words: Sequence[str], error: BadUsageError) -> None:
     asked = any(len(word) > 2 and "--json".startswith(word) for word in words)
     findings = commands.Findings(words[0] if words and words[0] in commands.names() else None, as_json=asked)
     findings.failed(error.message)
-    findings.finish(BAD_INPUT)
+    _finished(findings, BAD_INPUT)
 
 
 def _run(options: argparse.Namespace, findings: commands.Findings) -> int:
@@ -69,14 +83,16 @@ def _load_torch() -> None:
 
     They would go through its quarter of a million objects, again and again while they are made and twice at the end:
     half a second of a short command. NumPy's products and factorisations are small: its threads, which wait by turning
-    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be found.
+    round, would take the processors from PyTorch's, and a ball takes a quarter longer to be found. A KeyboardInterrupt
+    in the initialisers of its extensions would be lost: signals wait for the end.
     """
     if "torch" in sys.modules:
         return
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()
     try:
-        import torch  # noqa: F401
+        with uninterrupted():
+            import torch  # noqa: F401
     finally:
         gc.freeze()
         gc.enable()

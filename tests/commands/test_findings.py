@@ -1,6 +1,10 @@
 """What a command tells, to people and to scripts: the same mechanism for all."""
 
+import contextlib
+import io
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -72,6 +76,77 @@ class TestWays:
         with pytest.raises(ValueError, match="bad"), Findings("fit", as_json=True).gathered():
             raise ValueError("bad")
         assert sys.stdout is before
+
+
+CLOSED, FULL = "a pipe that is closed", "/dev/full"
+FULL_LINE = (
+    "torchbrdf: error: standard output: cannot be written (No space left on device); files that were written stay\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("where", "status", "said"),
+    [
+        (CLOSED, 0, ""),
+        pytest.param(FULL, 2, FULL_LINE, marks=pytest.mark.skipif(not Path(FULL).exists(), reason="no /dev/full here")),
+    ],
+)
+class TestStandardOutputThatTakesNothing:
+    """A reader that had enough is no error; a full disk is one, after the work."""
+
+    @pytest.fixture
+    def stdout(self, where: str) -> Iterator[io.TextIOWrapper]:
+        if where == CLOSED:
+            reading, writing = os.pipe()
+            os.close(reading)
+        else:
+            writing = os.open(where, os.O_WRONLY)
+        stream = os.fdopen(writing, "w")
+        yield stream
+        with contextlib.suppress(OSError):
+            stream.close()
+
+    @pytest.mark.parametrize("options", [(), ("--json",), ("--quiet", "--json")])
+    def test_what_was_computed_stays(self, stdout, status, said, options, tmp_path, monkeypatch, capsys):
+        tb.write_image(tmp_path / "a.exr", torch.ones(3, 4, 8))
+        monkeypatch.setattr(sys, "stdout", stdout)
+        assert main(["convert", str(tmp_path / "a.exr"), str(tmp_path / "b.exr"), *options]) == status
+        assert torch.equal(tb.read_image(tmp_path / "b.exr"), torch.ones(3, 4, 8))
+        assert capsys.readouterr().err == said
+
+    def test_a_line_that_is_waited_for_does_not_end_the_work(self, stdout, status, said, monkeypatch):
+        monkeypatch.setattr(sys, "stdout", stdout)
+        findings = Findings("fit")
+        findings.line("one", at_once=True)
+        findings.line("another", at_once=True)
+        error = findings.finish(0)
+        assert (error is None) == (status == 0)
+
+    @pytest.mark.parametrize("words", [["--version"], ["fit", "--help"], ["completion", "bash"]])
+    def test_nothing_is_said_when_python_ends(self, stdout, status, said, words):
+        command = [sys.executable, "-m", "torchbrdf", *words]
+        done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False)
+        assert (done.returncode, done.stderr) == (status, said)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+@pytest.mark.parametrize("name", ["ball °球", "r\udce9"])
+def test_characters_that_standard_output_lacks_are_escaped(encoding, name, tmp_path, monkeypatch):
+    tb.write_image(tmp_path / "a.hdr", torch.ones(3, 4, 8))
+    kept = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(kept, encoding))
+    assert main(["convert", str(tmp_path / "a.hdr"), str(tmp_path / f"{name}.hdr")]) == 0
+    assert f"{name}.hdr".encode(encoding, "backslashreplace") in kept.getvalue()
+    sys.stdout.detach()
+
+
+def test_a_way_to_write_what_is_no_text_stays(monkeypatch):
+    """As Python has it in the locale C: names of files come out as the bytes that they are."""
+    kept = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(kept, "utf-8", errors="surrogateescape"))
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["--version"])
+    assert sys.stdout.errors == "surrogateescape"
 
 
 def test_the_document_holds_json_alone():

@@ -114,6 +114,19 @@ class TestFolders:
         assert (status, [line for line in errors if "left out" in line]) == (0, [])
         assert names(tmp_path / "out") == {"holed", "paint", "satin"}
 
+    @pytest.mark.parametrize("options", [("--align",), ("--same-material",)])
+    def test_results_beside_them_are_no_photographs(self, photos: Path, options: tuple[str, ...]):
+        """As `fit photos/paint.exr -o photos` leaves them, and of two of one material."""
+        both = options == ("--same-material",)
+        left = ["fitted_paint.exr", "fitted_satin.exr"] if both else ["fitted.exr", "aligned_probe.exr"]
+        given = parser().parse_args(["fit", str(photos), "--probe", "default", *options, "-o", "x"])
+        given.probes = given.probe
+        for name in left:
+            tb.write_image(photos / name, torch.ones(3, 8, 8))
+        assert {Path(name).stem for name in left} < {one.name for one in photographs(given)}
+        (photos / "weights.json").write_text(json.dumps({"files": left} if both else {"class": 1}))
+        assert [one.name for one in photographs(given)] == ["holed", "paint", "satin"]
+
     def test_pictures_of_few_bits_are_left_out_and_counted(self, photos: Path):
         for name in ("clay.png", "wood.jpg"):
             tb.write_image(photos / name, torch.full((3, 8, 8), 0.5))

@@ -1,6 +1,7 @@
 """Images to files: exact round trips, and files that are whole or absent."""
 
 import os
+import sys
 
 import cv2
 import numpy as np
@@ -29,6 +30,18 @@ def test_exr_round_trip_is_exact_also_for_strided_tensors(tmp_path):
         assert read.dtype == torch.float32
         assert torch.equal(read, given_image.detach().float()), name
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+@pytest.mark.parametrize("suffix", ["exr", "hdr"])
+def test_a_name_that_is_no_text(tmp_path, suffix):
+    path = tmp_path / os.fsdecode(b"r\xe9.") / f"b\udce9.{suffix}"
+    path.parent.mkdir()
+    write_image(path, torch.ones(3, 4, 5))
+    assert torch.equal(read_image(path), torch.ones(3, 4, 5))
+    assert os.listdir(os.fsencode(path.parent)) == [b"b\xe9." + suffix.encode()]
+    if suffix == "exr":
+        assert read_metadata(path) == {}
 
 
 @given(

@@ -108,6 +108,11 @@ def test_the_numbers_are_those_of_the_pictures(comparison, tables, text):
     assert np.abs(shown - expected)[view.mask[0].numpy()].max() < 0.6 / 255
 
 
+def test_a_name_that_is_no_text_is_escaped(comparison, tmp_path):
+    write_comparison(tmp_path / "page.html", comparison, "r\udce9.binary")
+    assert "r\\udce9.binary" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
 def test_tables_that_gradients_are_wanted_of(tables, tmp_path):
     learned = MerlTable(tables[0].values.clone().requires_grad_(), tables[0].valid, "learned")
     write_comparison(tmp_path / "page.html", compared([learned, tables[1]]))

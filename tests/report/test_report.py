@@ -79,6 +79,11 @@ def report(subject, tmp_path_factory):
     return path
 
 
+def test_a_name_that_is_no_text_is_escaped(likeliest, tmp_path):
+    write_report(tmp_path / "r.html", likeliest, {"title": "r\udce9.exr"}, size=16, samples=16)
+    assert "r\\udce9.exr" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
 def test_the_page_is_self_contained_and_well_formed(report):
     text = report.read_text(encoding="utf-8")
     page = Page(text)

@@ -2,9 +2,10 @@
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, redirect_stdout
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any, Self
@@ -37,6 +38,7 @@ class Findings:
         self.warnings: list[str] = []
         self.notes: list[str] = []
         self.error: str | None = None
+        self._lost: OSError | None = None
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Self:
@@ -47,7 +49,7 @@ class Findings:
         """Print a line, or several, for people; `at_once` for one that is waited for."""
         if not (self._quiet or self._as_json):
             with above_bars():
-                print(text, flush=at_once)
+                self._print(text, at_once)
 
     def add(self, **values: Any) -> None:
         """Values for scripts: whatever JSON holds, paths, tensors, and mappings and sequences of them."""
@@ -71,12 +73,28 @@ class Findings:
                 block.enter_context(redirect_stdout(sys.stderr))
             yield
 
-    def finish(self, status: int) -> None:
-        """Print the notes, or the document where that is asked for."""
+    def finish(self, status: int) -> OSError | None:
+        """Print the notes, or the document where that is asked for.
+
+        returns  why standard output does not hold all that was printed; None where it does, and where whoever read it
+                 has closed the pipe, which is no error
+        """
         for text in self.notes:
             self.line(f"note: {text}")
         if self._as_json:
-            print(json.dumps(self.document(status), indent=2, allow_nan=False), flush=True)
+            self._print(json.dumps(self.document(status), indent=2, allow_nan=False))
+        self._print(end="", at_once=True)
+        if self._lost is not None:
+            _drop_output()
+        return None if isinstance(self._lost, BrokenPipeError) else self._lost
+
+    def _print(self, text: object = "", at_once: bool = False, end: str = "\n") -> None:
+        """Nothing more once standard output did not take something: the work goes on, `finish` tells."""
+        if self._lost is None:
+            try:
+                print(text, end=end, flush=at_once)
+            except OSError as error:
+                self._lost = error
 
     def document(self, status: int) -> dict[str, Any]:
         """What a script reads: what all commands tell, then what this one found."""
@@ -90,6 +108,16 @@ class Findings:
             "files": self._files,
         }
         return {key: _plain(value) for key, value in (told | self._values).items()}
+
+
+def _drop_output() -> None:
+    """Send to nowhere what standard output holds back, which Python would write, and complain of, at its end."""
+    with suppress(OSError):  # no file lies beneath
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, sys.stdout.fileno())
+        finally:
+            os.close(nowhere)
 
 
 def _plain(value: Any) -> Any:

@@ -32,12 +32,18 @@ _DENIED = 0.1
 _CAMERA = ("toward", "up", "target", "width")
 
 
-def open_probe(options: argparse.Namespace) -> LightProbe:
-    """The probe of `--probe`, read as the options beside it say."""
+def check_reading(options: argparse.Namespace) -> None:
+    """Raise ValueError where options say how to read the file of a probe that comes from none."""
     if options.probe == "default":
         for key in _READING:
             if getattr(options, key) not in (None, "latlong"):
                 raise ValueError(f"--{key.replace('_', '-')} is for a probe from a file, and --probe is default")
+
+
+def open_probe(options: argparse.Namespace) -> LightProbe:
+    """The probe of `--probe`, read as the options beside it say."""
+    check_reading(options)
+    if options.probe == "default":
         probe = LightProbe.default()
         if options.primaries == DEFAULT_SPACE:
             return probe

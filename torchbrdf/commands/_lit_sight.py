@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight
-from torchbrdf.commands._inputs import open_library, open_probe
-from torchbrdf.commands._photographs import telling_swapped
+from torchbrdf.commands._inputs import check_reading, open_library, open_probe
 from torchbrdf.commands._reconstruction import Estimates
 from torchbrdf.commands._said import say_doubts
 from torchbrdf.commands._sight import read_observation
+from torchbrdf.commands._swapped import telling_swapped
 from torchbrdf.lasting import LastFew
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
@@ -95,6 +95,7 @@ class Inputs:
 
 def lit_sight(options: argparse.Namespace, inputs: Inputs) -> LitSight:
     """The photograph of `options.photo` under `options.probe`; says what there is to say of an alignment."""
+    check_reading(options)
     size = options.size
     if options.basis is not None and size is None:
         size = BasisImages.load(options.basis).size[1]

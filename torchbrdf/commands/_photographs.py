@@ -3,12 +3,12 @@
 import argparse
 import warnings
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from torchbrdf.brdf import RESULT
-from torchbrdf.images import read_picture, readable_suffixes
+from torchbrdf.commands._results import WEIGHTS, obsolete
+from torchbrdf.images import readable_suffixes
 
 _OF_FEW_BITS = (".png", ".jpg", ".jpeg")
 
@@ -31,7 +31,8 @@ class Photograph:
 
 
 def photographs(options: argparse.Namespace) -> list[Photograph]:
-    """Those of `options.photos`, files and folders, in order; a folder's by name, less what other options name.
+    """Those of `options.photos`, files and folders, in order; a folder's by name, less what other options name
+    and what `fit` wrote there.
 
     Raises ValueError for a folder without photographs, for two that would have the same results, and where there are
     neither one `options.probes` nor as many as photographs; OSError for a folder that cannot be read.
@@ -52,37 +53,6 @@ def photographs(options: argparse.Namespace) -> list[Photograph]:
     return [Photograph(path, path.stem, probe) for path, probe in zip(paths, probes, strict=True)]
 
 
-@contextmanager
-def telling_swapped(photograph: Path, options: argparse.Namespace) -> Iterator[None]:
-    """In the block a ValueError about a photograph, or its probe, says so where each looks like the other's file."""
-    try:
-        yield
-    except ValueError:
-        if options.probe in (None, "default") or options.probe_layout != "latlong":
-            raise
-        shown, light = _size(photograph, options.layer), _size(Path(options.probe), options.probe_layer)
-        if not (_is_panorama(shown) and light is not None and not _is_panorama(light)):
-            raise
-        raise ValueError(
-            f"{photograph}: is twice as wide as high, as a light probe is, and that of --probe, {options.probe}, is "
-            f"not ({light[0]} x {light[1]}): they look swapped; give the ball as the photograph, and the panorama to "
-            "--probe. If they are not, say what the probe is: --probe-layout"
-        ) from None
-
-
-def _size(path: Path, layer: str | None) -> tuple[int, int] | None:
-    """Height and width of a picture; None where it cannot be read."""
-    try:
-        image = read_picture(path, True, layer=layer).image
-    except (ValueError, OSError):
-        return None
-    return image.shape[1], image.shape[2]
-
-
-def _is_panorama(size: tuple[int, int] | None) -> bool:
-    return size is not None and size[1] == 2 * size[0]
-
-
 def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:
     if not given.is_dir():
         yield given
@@ -90,10 +60,11 @@ def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:
     few_bits = () if options.allow_ldr or options.encoding else _OF_FEW_BITS
     known = [suffix for suffix in readable_suffixes() if suffix not in few_bits]
     named = [Path(value) for value in _values(options) if isinstance(value, str | Path) and Path(value).is_file()]
+    own = obsolete(given) if (given / WEIGHTS).is_file() else ()
     found = [
         path
         for path in sorted(given.iterdir())
-        if path.suffix.lower() in known and not path.name.startswith(".") and path.is_file()
+        if path.suffix.lower() in known and not path.name.startswith(".") and path.is_file() and path.name not in own
         and not any(path.samefile(other) for other in named)
     ]  # fmt: skip
     inside = [path for path in sorted(given.iterdir()) if _holds_pictures(path, known)]

@@ -102,9 +102,9 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         _tell(section, findings)
         told[section.title] = [{"label": label, "text": text} for label, text in section.lines]
         problems += section.problems
-    findings.line(_printable("Problems" if problems else "no problems found"))
+    findings.line("Problems" if problems else "no problems found")
     for i, problem in enumerate(problems, 1):
-        findings.line(_printable(_filled(problem, f"  {i}. ")))
+        findings.line(_filled(problem, f"  {i}. "))
     findings.add(sections=told, problems=problems)
     if problems:
         findings.failed(f"{len(problems)} problem{'s' * (len(problems) > 1)} found")
@@ -279,10 +279,10 @@ def _one_line(text: str) -> str:
 
 
 def _tell(section: Section, findings: Findings) -> None:
-    findings.line(_printable(section.title))
+    findings.line(section.title)
     width = max((len(label) for label, _ in section.lines), default=0) + 4
     for label, text in section.lines:
-        findings.line(_printable(_filled(text, f"  {label}".ljust(width))))
+        findings.line(_filled(text, f"  {label}".ljust(width)))
     findings.line("", at_once=True)
 
 
@@ -292,9 +292,3 @@ def _filled(text: str, start: str) -> str:
     below = " " * len(start)
     return fill(text, width, initial_indent=start, subsequent_indent=below, break_long_words=False,
                 break_on_hyphens=False)  # fmt: skip
-
-
-def _printable(text: str) -> str:
-    """The text with escapes for what the terminal's encoding does not hold."""
-    encoding = sys.stdout.encoding or "ascii"
-    return text.encode(encoding, "backslashreplace").decode(encoding)

@@ -71,10 +71,10 @@ def _recovered(options: argparse.Namespace) -> tuple[str, Fit, MaterialLibrary, 
     from torchbrdf.commands._capture import doubts_of_light, doubts_of_sight
     from torchbrdf.commands._demonstration import MATERIAL, photographed
     from torchbrdf.commands._inputs import open_library, open_probe
-    from torchbrdf.commands._photographs import telling_swapped
     from torchbrdf.commands._reconstruction import fit
     from torchbrdf.commands._said import say_doubts
     from torchbrdf.commands._sight import read_observation
+    from torchbrdf.commands._swapped import telling_swapped
     from torchbrdf.light import LightProbe
 
     estimation = {"penalty": options.penalty, "constraint": options.constraint, "robust": options.robust}

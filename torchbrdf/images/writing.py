@@ -158,6 +158,6 @@ def _write_exr(
         channels["A"] = np.ascontiguousarray(alpha.detach().to("cpu", torch.float32)[0].numpy())
     try:
         with quiet_decoders(), OpenEXR.File(header, channels) as file:
-            file.write(str(path))
+            file.write(os.fsencode(path))
     except RuntimeError as error:
         raise OSError(str(error)) from None

@@ -44,7 +44,7 @@ def write_comparison(path: str | os.PathLike[str], comparison: Comparison, title
         _polars(comparison),
     ]
     with writing(path) as temporary:
-        temporary.write_text(compare_document(heading, body), encoding="utf-8")
+        temporary.write_text(compare_document(heading, body), encoding="utf-8", errors="backslashreplace")
 
 
 def _warnings(warnings: Sequence[str]) -> str:

@@ -98,7 +98,7 @@ def write_report(
         _settings(settings, subject),
     ]
     with writing(path) as temporary:
-        temporary.write_text(page(title, body), encoding="utf-8")
+        temporary.write_text(page(title, body), encoding="utf-8", errors="backslashreplace")
     return evidence.found_doubts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from torchbrdf.files import printable
 from torchbrdf.images.formats._quiet import quiet_decoders
+from torchbrdf.images.formats._space_names import space_named
 from torchbrdf.images.formats._stored import MAX_PIXELS, Colours, Stored, Window, check_pixel_aspect, unreadable
 from torchbrdf.images.primaries import Primaries
 
@@ -94,7 +96,7 @@ def read_headers(path: Path) -> list[dict[str, Any]]:
     import OpenEXR
 
     try:
-        with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        with quiet_decoders(), OpenEXR.File(os.fsencode(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]
             return [
                 {**header, "channels": [channel.name for channel in header.get("channels", ())]} for header in headers
@@ -200,7 +202,7 @@ def _planes(path: Path, part: int, names: Sequence[str], size: tuple[int, int]) 
     import OpenEXR
 
     try:
-        with quiet_decoders(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with quiet_decoders(), OpenEXR.File(os.fsencode(path), separate_channels=True) as file:
             channels = [file.parts[part].channels[name] for name in names]
             planes = [channel.pixels for channel in channels]
     except _ERRORS:
@@ -233,7 +235,7 @@ def _placed(
 
 def _colours(path: Path, header: Mapping[str, Any]) -> Colours:
     if "chromaticities" not in header:
-        return Colours()
+        return Colours(primaries=space_named(path, header))
     try:
         return Colours(primaries=Primaries.of(tuple(float(number) for number in header["chromaticities"])))
     except (TypeError, ValueError) as error:
