@@ -496,7 +496,7 @@ class TestInputsInTheOutput:
             options = ["--probe", probe, "--library", out]
         before = kept.read_bytes()
         status, _, errors = fit(*given, *options)
-        said = f"{kept}: an input, which a result in this folder replaces or removes; name another"
+        said = f"{kept}: an input, which a result in this folder replaces or removes; give another -o"
         assert (status, errors) == (2, [f"torchbrdf: error: {said}"])
         assert kept.read_bytes() == before
         assert [path for path in out.rglob("*") if path.is_file()] == [kept]

@@ -92,7 +92,7 @@ def check_inputs_stay(options: argparse.Namespace, folder: Path, names: Sequence
     for file in map(folder.joinpath, {*products(options, names), *obsolete(folder)}):
         table = file.suffix in TABLE_SUFFIXES
         if file.is_file() and any(path.samefile(file) or (table and path.samefile(folder)) for path in given):
-            raise ValueError(f"{file}: an input, which a result in this folder replaces or removes; name another")
+            raise ValueError(f"{file}: an input, which a result in this folder replaces or removes; give another -o")
 
 
 def write_results(
