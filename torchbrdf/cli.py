@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import torchbrdf
 from torchbrdf import commands
 from torchbrdf.brdf import TABLE_SUFFIXES
-from torchbrdf.command_line import BAD_INPUT, WARNED, BadUsageError, exit_status, inputs_of, say
+from torchbrdf.command_line import BAD_INPUT, WARNED, BadUsageError, exit_status, say
 from torchbrdf.interruption import uninterrupted
 
 
@@ -105,7 +105,7 @@ def _refuse_to_overwrite_inputs(options: argparse.Namespace) -> None:
     if output is None or not output.is_file():
         return
     table = output.suffix.lower() in TABLE_SUFFIXES
-    for path in inputs_of(options):
+    for path in commands.inputs_of(options):
         if output.samefile(path) or (table and output.parent.samefile(path)):
             raise ValueError(f"{output}: the output is an input, which would be lost; give the output another name")
 

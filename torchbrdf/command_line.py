@@ -7,7 +7,6 @@ import signal
 import sys
 from collections.abc import Callable
 from itertools import takewhile
-from pathlib import Path
 from typing import Any, Literal, NoReturn, Self, TextIO
 
 from torchbrdf.files import being_written, did_you_mean, remove_unfinished
@@ -149,13 +148,6 @@ def exit_status(
         if told is not None:
             told(message)
     return status
-
-
-def inputs_of(options: argparse.Namespace) -> list[Path]:
-    """The files and folders that exist of what options name, but for the output."""
-    values = [value for name, value in vars(options).items() if name not in ("output", "written")]
-    each = [one for value in values for one in (value if isinstance(value, list) else [value])]
-    return [Path(one) for one in each if isinstance(one, str | Path) and str(one) and Path(one).exists()]
 
 
 def in_words(error: Exception) -> str:

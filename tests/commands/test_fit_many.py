@@ -502,6 +502,16 @@ class TestInputsInTheOutput:
         assert [path for path in out.rglob("*") if path.is_file()] == [kept]
 
 
+    @pytest.mark.parametrize("name", ["fit", "default", "auto"])
+    def test_a_folder_called_as_a_word_of_the_command_is_none(
+        self, fit: Fit, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    ):
+        monkeypatch.chdir(tmp_path)
+        for _ in range(2):
+            status, _, errors = fit(photos / "paint.exr", "--probe", "default", out=Path(name))
+            assert (status, [line for line in errors if "error" in line]) == (0, [])
+
+
 class TestSameMaterial:
     @pytest.mark.parametrize("options", [(), ("--robust",)])
     def test_is_what_the_estimator_makes_of_both(

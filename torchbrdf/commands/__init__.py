@@ -17,6 +17,7 @@ from types import ModuleType
 from torchbrdf._version import __version__
 from torchbrdf.command_line import Parser
 from torchbrdf.commands._findings import Findings as Findings, Note as Note
+from torchbrdf.commands._options import inputs_of as inputs_of
 
 NAME = "torchbrdf"
 """Of the program."""

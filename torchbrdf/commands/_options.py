@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, get_args
 
-from torchbrdf.brdf import TABLE_SUFFIXES
+from torchbrdf.brdf import EMBEDDED, TABLE_SUFFIXES
 from torchbrdf.estimation import CONSTRAINTS, DEFAULT_PENALTY, Penalty
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, Encoding
 from torchbrdf.light import Layout, Rows
@@ -105,6 +105,22 @@ def add_exposure(parser: argparse.ArgumentParser) -> None:
     """`--exposure` of a picture to look at."""
     text = "factor on the radiance in a .png or .jpg; default: the 99th percentile of the picture becomes white"
     parser.add_argument("--exposure", type=number(0), metavar="X", help=text)
+
+
+def inputs_of(options: argparse.Namespace) -> list[Path]:
+    """The files and folders that exist of what options name, but for the output.
+
+    A word that an option takes names no folder: one that is called so is another.
+    """
+    found = []
+    for name, value in vars(options).items():
+        for one in value if isinstance(value, list) else [value]:
+            if name in ("output", "written") or not isinstance(one, str | Path):
+                continue
+            folder = isinstance(one, Path) or (name == "library" and one != EMBEDDED)
+            if Path(one).is_file() or (folder and Path(one).is_dir()):
+                found.append(Path(one))
+    return found
 
 
 def check_exposure(output: Path, exposure: float | None) -> None:

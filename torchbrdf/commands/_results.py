@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from torchbrdf.brdf import RESULT, RESULT_STD, TABLE_SUFFIXES, MerlTable, above_horizon
-from torchbrdf.command_line import inputs_of
 from torchbrdf.commands import _alignment
 from torchbrdf.commands._lit_sight import LitSight
+from torchbrdf.commands._options import inputs_of
 from torchbrdf.commands._reconstruction import Fit, relative_std, result_record, weights_record
 from torchbrdf.commands._said import say_doubts
 from torchbrdf.commands._weights import WEIGHTS, write_weights

@@ -28,7 +28,7 @@ _LITTLE_FILL = 0.3
 _MUCH_BESIDE = 0.1
 _INVERTED_FILL = 0.85
 _UNITS = 1000
-"""Across what a smallest circle is sought around: OpenCV takes places in float32, and 1e-4 of a unit for nothing."""
+"""Across places whose smallest circle is sought: OpenCV takes them in float32, and 1e-4 of a unit for nothing."""
 
 _CONES = 2
 """Times that the smallest cone is sought: each begins about the last, where a circle is nearly one."""
