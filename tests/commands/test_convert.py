@@ -157,6 +157,14 @@ class TestWhatTheFileSays:
         assert "its envmap attribute says" in other.reading
         assert torch.equal(one.radiance, other.radiance)
 
+    def test_the_name_of_a_space_goes_with_the_colours_that_were_in_it(self, tmp_path: Path):
+        """They are converted: the name would be wrong of them."""
+        write_exr(tmp_path / "a.exr", rgb(torch.rand(3, 8, 8).numpy()), colorInteropID="lin_ap1_scene", comment="kept")
+        assert main(["convert", str(tmp_path / "a.exr"), str(tmp_path / "x.exr")]) == 0
+        assert read_metadata(tmp_path / "x.exr").items() >= {"comment": "kept"}.items()
+        assert "colorInteropID" not in read_metadata(tmp_path / "x.exr")
+        assert torch.equal(read_image(tmp_path / "x.exr"), read_image(tmp_path / "a.exr"))
+
     def test_what_an_hdr_cannot_hold(self, capsys, tmp_path: Path):
         LightProbe(torch.rand(3, 8, 16)).save(tmp_path / "probe.exr")
         assert main(["convert", str(tmp_path / "probe.exr"), str(tmp_path / "x.hdr")]) == 0

@@ -11,6 +11,7 @@ from torchbrdf.commands._capture import FOV_KEY, MIRROR_KEY, REFLECTANCE_KEY
 from torchbrdf.images import (
     DISPLAY_SUFFIXES,
     LONGEST_KEY,
+    SPACE_KEYS,
     EnvironmentMap,
     Picture,
     read_environment_map,
@@ -24,7 +25,7 @@ from torchbrdf.light import LAMPS_KEY, ROWS_KEY
 class Carried:
     """What is beside the colours, and is read of a light probe or a photograph.
 
-    attributes  text, and the camera's numbers
+    attributes  text, and the camera's numbers; not what names the space that the colours were in
     envmap      how a picture of all directions is laid out; None where the file does not say
     """
 
@@ -38,7 +39,8 @@ class Carried:
         """Of a picture and its file."""
         is_exr = path.suffix.lower() == ".exr"
         found = read_shooting(path).attributes() | (read_metadata(path) if is_exr else {})
-        attributes = {key: value for key, value in found.items() if len(key.encode()) <= LONGEST_KEY}
+        kept = (key for key in found if len(key.encode()) <= LONGEST_KEY and key not in SPACE_KEYS)
+        attributes = {key: found[key] for key in kept}
         return cls(path, picture, attributes, read_environment_map(path) if is_exr else None)
 
     def kept(self, output: Path) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from .formats._catalogue import (
     kind_by_suffix as kind_by_suffix,
     readable_suffixes as readable_suffixes,
 )
+from .formats._space_names import SPACE_KEYS as SPACE_KEYS
 from .masks import (
     Mask as Mask,
     open_mask as open_mask,

@@ -12,7 +12,7 @@ from torchbrdf.files import printable
 from torchbrdf.images.primaries import SPACES, Primaries
 from torchbrdf.images.settings import ColourSpace
 
-_KEYS = ("colorInteropID", "oiio:ColorSpace", "colorspace")
+SPACE_KEYS = ("colorInteropID", "oiio:ColorSpace", "colorspace")
 """Attributes that hold a name: of the Color Interop Forum, OpenImageIO, others; the first that says anything counts."""
 
 _SAY_NOTHING = {"", "linear", "lin", "scenelinear", "rolescenelinear", "raw", "data", "noncolor", "unknown", "none"}
@@ -38,7 +38,7 @@ def space_named(path: Path, header: Mapping[str, Any]) -> Primaries | None:
 
     Warns of a name that is none of a linear space that is known, as those of encodings are.
     """
-    for key in _KEYS:
+    for key in SPACE_KEYS:
         said = header.get(key, "")
         if not isinstance(said, str):
             continue
