@@ -52,8 +52,7 @@ def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph], fin
     """
     if options.mask is not None:
         read_mask(options.mask)
-    for one in photographs:
-        check_inputs_stay(options, options.output / one.name)
+    check_inputs_stay(options, [options.output / one.name for one in photographs])
     inputs = Inputs(options)
     if len({one.probe for one in photographs}) == 1:
         inputs.probe(photographs[0].probe)

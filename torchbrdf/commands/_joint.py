@@ -32,7 +32,7 @@ from torchbrdf.transport import BasisImages
 def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph], findings: Findings) -> int:
     """Explain photographs of one material by one table in `options.output`, beside views of each; returns 0."""
     names = [one.name for one in photographs]
-    check_inputs_stay(options, options.output, names)
+    check_inputs_stay(options, [options.output], names)
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
         with told_if_slow(f"reading {len(names)} photographs and their light, and finding what they show"):

@@ -107,15 +107,15 @@ def add_exposure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure", type=number(0), metavar="X", help=text)
 
 
-def inputs_of(options: argparse.Namespace) -> list[Path]:
-    """The files and folders that exist of what options name, but for the output.
+def inputs_of(options: argparse.Namespace, *left_out: str) -> list[Path]:
+    """The files and folders that exist of what options name, but for the output and those of options that are left out.
 
     A word that an option takes names no folder: one that is called so is another.
     """
     found = []
     for name, value in vars(options).items():
         for one in value if isinstance(value, list) else [value]:
-            if name in ("output", "written") or not isinstance(one, str | Path):
+            if name in ("output", "written", *left_out) or not isinstance(one, str | Path):
                 continue
             folder = isinstance(one, Path) or (name == "library" and one != EMBEDDED)
             if Path(one).is_file() or (folder and Path(one).is_dir()):

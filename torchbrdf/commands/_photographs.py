@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torchbrdf.brdf import RESULT
-from torchbrdf.commands._results import WEIGHTS, obsolete
+from torchbrdf.commands._options import inputs_of
+from torchbrdf.commands._results import obsolete
+from torchbrdf.commands._weights import WEIGHTS
 from torchbrdf.images import readable_suffixes
 
 _OF_FEW_BITS = (".png", ".jpg", ".jpeg")
@@ -59,7 +61,7 @@ def _files(given: Path, options: argparse.Namespace) -> Iterator[Path]:
         return
     few_bits = () if options.allow_ldr or options.encoding else _OF_FEW_BITS
     known = [suffix for suffix in readable_suffixes() if suffix not in few_bits]
-    named = [Path(value) for value in _values(options) if isinstance(value, str | Path) and Path(value).is_file()]
+    named = [path for path in inputs_of(options, "photos") if path.is_file()]
     own = obsolete(given) if (given / WEIGHTS).is_file() else ()
     found = [
         path
@@ -102,9 +104,3 @@ def _warn_of_left_out(folder: Path, suffixes: Collection[str], known: Collection
             f"{left_out[0]}; --allow-ldr takes them, too"
         )
         warnings.warn(message, UserWarning, stacklevel=2)
-
-
-def _values(options: argparse.Namespace) -> Iterator[object]:
-    for key, value in vars(options).items():
-        if key != "photos":
-            yield from value if isinstance(value, list) else [value]

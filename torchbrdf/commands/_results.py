@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -83,16 +83,25 @@ def obsolete(folder: Path) -> list[str]:
     return [*found, *(name for name in listed if isinstance(name, str) and Path(name).name == name)]
 
 
-def check_inputs_stay(options: argparse.Namespace, folder: Path, names: Sequence[str] = ()) -> None:
-    """Raise ValueError where an input is a file of a folder that a result replaces, or that goes with an earlier one.
+def check_inputs_stay(options: argparse.Namespace, folders: Iterable[Path], names: Sequence[str] = ()) -> None:
+    """Raise ValueError where an input is a file that a result in one of some folders replaces, or that goes with an
+    earlier one.
 
     names  as of `products`
     """
-    given = inputs_of(options)
-    for file in map(folder.joinpath, {*products(options, names), *obsolete(folder)}):
-        table = file.suffix in TABLE_SUFFIXES
-        if file.is_file() and any(path.samefile(file) or (table and path.samefile(folder)) for path in given):
-            raise ValueError(f"{file}: an input, which a result in this folder replaces or removes; give another -o")
+    given = set(map(_identity, inputs_of(options)))
+    for folder in filter(Path.is_dir, folders):
+        for file in map(folder.joinpath, {*products(options, names), *obsolete(folder)}):
+            known = {file, folder} if file.suffix in TABLE_SUFFIXES else {file}
+            if file.is_file() and not given.isdisjoint(map(_identity, known)):
+                text = "an input, which a result in this folder replaces or removes; give another -o"
+                raise ValueError(f"{file}: {text}")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """What two names of one file share, as of `Path.samefile`."""
+    found = path.stat()
+    return found.st_dev, found.st_ino
 
 
 def write_results(

@@ -89,7 +89,7 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.report import in_words
 
     files = products(options)
-    check_inputs_stay(options, options.output)
+    check_inputs_stay(options, [options.output])
     with writing_folder(options.output, WEIGHTS, obsolete(options.output)) as folder:
         inputs = Inputs(options)
         with told_if_slow(f"reading {options.photo} and its light, and finding what they show"):
