@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.lasting import LastFew, LastMade, lasting, lasting_graph, on_disk
-from torchbrdf.sweep import side_by_side
+from torchbrdf.threads import side_by_side
 
 
 def test_what_is_made_in_inference_mode_enters_graphs_later():

@@ -34,7 +34,7 @@ from torchbrdf.brdf import GRID, METRICS, MaterialLibrary, MerlTable
 from torchbrdf.estimation import Reconstruction
 from torchbrdf.light import LightProbe
 from torchbrdf.progress import progress_bar
-from torchbrdf.sweep import one_thread
+from torchbrdf.threads import one_thread
 from torchbrdf.view import SphereView
 
 LARGEST_ANGLE_DEG = 80.0

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from torchbrdf.sweep import side_by_side
+from torchbrdf.threads import side_by_side
 
 
 def eigh(matrices: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,7 +17,7 @@ from torchbrdf.rendering import directional_pictures, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
 from torchbrdf.report.doubts import Doubt, clamped_share, darkest_middle, doubts, margin, oscillation_of, second_best
 from torchbrdf.report.grade import Grade, grade_of
-from torchbrdf.sweep import side_by_side
+from torchbrdf.threads import side_by_side
 from torchbrdf.transport import BasisImages
 from torchbrdf.transport.harmonic import SHOWN, HarmonicBasis, is_precomputed, table_pictures
 from torchbrdf.view import SphereView, View

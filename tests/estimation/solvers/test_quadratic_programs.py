@@ -7,14 +7,14 @@ from hypothesis import given, settings, strategies as st
 from torch import Tensor
 
 from program_oracles import another_order, relative, scipy_above, scipy_convex, scipy_nonnegative
-from torchbrdf import sweep
 from torchbrdf.estimation.solvers.quadratic_programs import kkt_residual, project_above, project_nonnegative
+from torchbrdf.threads import one_thread
 
 
 @pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
+def small_products() -> Iterator[None]:
     """Thousands of small products: after Mitsuba's threads have started, waking torch's for each takes minutes."""
-    with sweep.one_thread():
+    with one_thread():
         yield
 
 

@@ -1,0 +1,2 @@
+from .sweeping import sweep as sweep
+from .tasks import Task as Task
