@@ -207,7 +207,15 @@ class RotationSearch:
 
         every  prior is kept, for photographs that promise other ones
         """
-        whole = self.light.packed_at(rotation)
+        return self._solved(rotation, self.light.packed_at(rotation), y, every)
+
+    def trials(self, rotations: Sequence[Tensor]) -> list[Trial]:
+        """`trial` of each."""
+        packed = self.light.packed_at_each(rotations)
+        return [self._solved(*pair, None, False) for pair in zip(rotations, packed, strict=True)]
+
+    def _solved(self, rotation: Tensor, whole: Tensor, y: Tensor | None, every: bool) -> Trial:
+        """A trial under a rotation with the basis images (n, 3, P) under it."""
         packed = whole if bool(self.used.all()) else whole[..., self.used]
         if self._frame is None:
             scale = residual_scale(packed.mean(0, dtype=torch.float64), [packed.shape[-1]])

@@ -305,7 +305,7 @@ def _turned_about_vertical(task: RotationSearch, believed: Trial) -> list[Trial]
     up = torch.tensor([0, 1, 0], dtype=torch.float64)
     steps = [rotation_of(radians(360 / _TURNS * k) * up) for k in range(_TURNS)]
     turns = [step @ believed.rotation for step in steps]
-    evidence = torch.tensor([coarse.trial(turn).log_evidence for turn in turns], dtype=torch.float64)
+    evidence = torch.tensor([trial.log_evidence for trial in coarse.trials(turns)], dtype=torch.float64)
     peak = (evidence >= evidence.roll(1)) & (evidence >= evidence.roll(-1))
     peak &= evidence > evidence.max() - RIVAL
     followed = torch.where(peak, evidence, -torch.inf).topk(min(_FOLLOWED, int(peak.sum()))).indices.tolist()

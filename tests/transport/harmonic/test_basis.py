@@ -363,6 +363,19 @@ class TestBlends:
         assert relative(basis.packed_at(None, columns), expected) < 1e-5
         assert relative(HarmonicBasis(library, lamps(64), SPHERE, columns=columns).packed_at(None), expected) < 1e-5
 
+    @pytest.mark.parametrize("columns", [[1, 4, 9], None])
+    def test_many_rotations(self, library: MaterialLibrary, columns: list[int] | None, monkeypatch: pytest.MonkeyPatch):
+        """More than share a pass, and with as many columns as are never shared."""
+        if columns is None:
+            monkeypatch.setattr("torchbrdf.transport.harmonic.basis._FEW", 3)
+        basis = HarmonicBasis(library, lamps(64), SPHERE, columns=columns)
+        turns = Rotation.from_rotvec([[0.1 * k, 0.3 * k, -0.2] for k in range(10)]).as_matrix()
+        rotations = list(torch.tensor(turns))
+        found = basis.packed_at_each(rotations)
+        assert len(found) == 10
+        for rotation, packed in zip(rotations, found, strict=True):
+            assert relative(packed, basis.packed_at(rotation)) < 1e-5
+
     def test_rings_that_a_lamp_does_not_reach(
         self, library: MaterialLibrary, monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -12,12 +12,15 @@ from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe, checked_rotation
 from torchbrdf.transport.basis_images import BasisImages
 from torchbrdf.transport.harmonic.cache import transport_of
-from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight
+from torchbrdf.transport.harmonic.light import LINES, LightHarmonics, TurningLight, together
 from torchbrdf.transport.harmonic.views import facing, in_perspective, unsuited
 from torchbrdf.view import View
 
 _FEW = 24
 """Columns up to which their kernels are mixed rather than mixtures of all: those of a group of rings are as many."""
+
+_AT_ONCE = 8
+"""Rotations of one pass: more of them leave the processor's cache."""
 
 
 class HarmonicBasis:
@@ -81,6 +84,18 @@ class HarmonicBasis:
             return self.transport.blended(light, self._facing, self._whole(weights))
         packed = self.transport.packed(light, self._facing, self._columns)
         return packed if columns is None else packed[columns]
+
+    @without_autocast
+    def packed_at_each(self, rotations: Sequence[Tensor]) -> list[Tensor]:
+        """`packed_at` of each; where columns are few in half the time, for some rotations share each pass."""
+        if self.n > _FEW:
+            return [self.packed_at(rotation) for rotation in rotations]
+        weights = self._whole(torch.eye(self.n, dtype=torch.float32, device=self.transport.device))
+        found: list[Tensor] = []
+        for start in range(0, len(rotations), _AT_ONCE):
+            lights = [self._light_at(rotation) for rotation in rotations[start : start + _AT_ONCE]]
+            found += self.transport.blended(together(lights), self._facing, weights).unflatten(1, (-1, 3)).unbind(1)
+        return found
 
     def named(self, packed: Tensor, rotation: Tensor | None) -> BasisImages:
         """What `packed_at` a rotation (3, 3) gave, (n, 3, P), with what it is of."""

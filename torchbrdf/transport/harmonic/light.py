@@ -1,5 +1,6 @@
 """A light probe about the view direction: Fourier series in azimuth, splines over the polar angle."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import atan2, pi, radians, sin
@@ -136,6 +137,16 @@ class TurningLight:
             projected = banded_product(_projection(zone, self.lines, str(series.device)), kept)
             found.append(torch.view_as_complex(projected.unflatten(2, (-1, 2))))
         return found
+
+
+def together(lights: Sequence[LightHarmonics]) -> LightHarmonics:
+    """Those of K lights as of one."""
+    return [(_beside([c for c, _ in zone]), _beside([m for _, m in zone])) for zone in zip(*lights, strict=True)]
+
+
+def _beside(coefficients: Sequence[Tensor]) -> Tensor:
+    """(M, 6 K, elevations) of K (M, 6, elevations): real parts of all, then imaginary."""
+    return torch.stack(coefficients, 1).unflatten(2, (2, 3)).movedim(2, 1).flatten(1, 3)
 
 
 @dataclass(frozen=True, eq=False)
