@@ -12,10 +12,12 @@ import torch
 
 from materials import glossy, lambert
 from pages import Page, pixels
+from torchbrdf.brdf.difference import delta_e_2000
 from torchbrdf.brdf.merl import MerlTable, cell_centres
 from torchbrdf.cli import main
 from torchbrdf.commands._inputs import labels
 from torchbrdf.images.display import tone_map
+from torchbrdf.images.primaries import converted
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.directional import render_directional
 from torchbrdf.rendering.tables import render_tables
@@ -106,6 +108,22 @@ def test_the_numbers_are_those_of_the_pictures(comparison, tables, text):
     shown = pixels(next(attrs for attrs in page.all("img") if attrs["alt"] == "sphere: gold <b>&"))
     expected = tone_map(images[1], comparison.exposure).movedim(0, -1).numpy()
     assert np.abs(shown - expected)[view.mask[0].numpy()].max() < 0.6 / 255
+
+
+def test_other_primaries_are_shown_in_those_of_a_screen(tables):
+    light, view = LightProbe.default(32), SphereView(SIZE)
+    wide = [replace(t, values=converted(t.values.T, "rec709", "rec2020").T) for t in tables[:2]]
+    found = Comparison.of(wide, light, size=SIZE, samples=64, primaries="rec2020")
+    expected = [converted(image, "rec2020", "rec709") for image in render_tables(wide, light, view, 64)]
+    torch.testing.assert_close(found.pictures, torch.stack(expected))
+    colours = delta_e_2000(expected[1], expected[0], found.exposure)[view.mask[0]]
+    assert found.differences[0].delta_e_mean == pytest.approx(float(colours.mean()))
+    torch.testing.assert_close(found.probe.radiance, converted(light.radiance, "rec2020", "rec709").clamp_min(0))
+    for shown, table in zip(found.shown, tables, strict=False):  # in white light a table has its own colours in both
+        assert (shown.values - table.values)[table.valid].abs().max() < 1e-5 * table.values.max()
+    (here,) = compared(wide).differences
+    assert found.differences[0].cells == here.cells
+    assert found.differences[0].delta_e_mean > 1.05 * here.delta_e_mean  # taken for a screen's they look paler
 
 
 def test_a_name_that_is_no_text_is_escaped(comparison, tmp_path):

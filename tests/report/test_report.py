@@ -13,6 +13,7 @@ from torchbrdf.brdf.library import MaterialLibrary
 from torchbrdf.estimation.classes import MaterialClasses
 from torchbrdf.estimation.estimator import BRDFEstimator
 from torchbrdf.images.display import exposure_for, stops_for
+from torchbrdf.images.primaries import converted
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
 from torchbrdf.rendering.tables import render
@@ -82,6 +83,16 @@ def report(subject, tmp_path_factory):
 def test_a_name_that_is_no_text_is_escaped(likeliest, tmp_path):
     write_report(tmp_path / "r.html", likeliest, {"title": "r\udce9.exr"}, size=16, samples=16)
     assert "r\\udce9.exr" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_other_primaries_are_told_and_of_the_other_light_too(likeliest, tmp_path):
+    for primaries in ("rec709", "aces-ap1"):
+        write_report(tmp_path / "r.html", likeliest, {}, primaries=primaries, size=16, samples=16)
+        told = "Pictures show linear aces-ap1 as if it were a screen’s RGB" in (tmp_path / "r.html").read_text("utf-8")
+        assert told == (primaries == "aces-ap1")
+    room, default = other_light(likeliest.probe, "aces-ap1"), LightProbe.default()
+    torch.testing.assert_close(converted(room.radiance, "aces-ap1", "rec709"), default.radiance, rtol=1e-4, atol=1e-4)
+    assert gather(likeliest, 16, 16, primaries="aces-ap1").probes[1].fingerprint == room.fingerprint
 
 
 def test_the_page_is_self_contained_and_well_formed(report):
@@ -351,7 +362,8 @@ def test_the_other_light_is_another(likeliest):
 def test_the_room_that_was_photographed_is_no_new_one(likeliest):
     evidence = gather(likeliest, 12, 16)
     assert evidence.other_room == "torchbrdf’s studio room"
-    taken_there = replace(evidence, probes=(LightProbe.default(), *evidence.probes[1:]))
+    basis = replace(likeliest.basis, probe=LightProbe.default().fingerprint)
+    taken_there = gather(replace(likeliest, probe=LightProbe.default(), basis=basis), 12, 16)
     assert taken_there.other_room == "the same room, turned by 180°"
 
 

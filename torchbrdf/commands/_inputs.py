@@ -15,7 +15,6 @@ from torchbrdf.images import (
     DEFAULT_SPACE,
     ColourSpace,
     Shooting,
-    converted,
     read_mask,
     read_shooting,
     readable_suffixes,
@@ -44,10 +43,7 @@ def open_probe(options: argparse.Namespace) -> LightProbe:
     """The probe of `--probe`, read as the options beside it say."""
     check_reading(options)
     if options.probe == "default":
-        probe = LightProbe.default()
-        if options.primaries == DEFAULT_SPACE:
-            return probe
-        return LightProbe(converted(probe.radiance, DEFAULT_SPACE, options.primaries), name=probe.name)
+        return LightProbe.default(primaries=options.primaries)
     if not Path(options.probe).exists() and (meant := did_you_mean(options.probe, ["default"])):
         raise FileNotFoundError(f"{options.probe}: no such file{meant}; expected a light probe, or default")
     mask, circle = None, options.probe_circle

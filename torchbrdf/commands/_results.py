@@ -114,7 +114,7 @@ def write_results(
     """Write brdf.binary, weights.json, fitted.exr and report.html into a folder; says all that the report does."""
     write_table(folder, fitted, uncertainty=False)
     write_image(folder / "fitted.exr", fitted.image, primaries=primaries)
-    write_page(folder / _REPORT, fitted, settings, scene)
+    write_page(folder / _REPORT, fitted, settings, scene, primaries=primaries)
     write_weights(folder, weights_record(fitted) | {"primaries": primaries})
 
 
@@ -137,11 +137,17 @@ def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Name
         _alignment.write(record, probe, lit.found, options.primaries)
     write_image(folder / ended("fitted.exr", name), fitted.image, primaries=options.primaries)
     if not options.no_report:
-        write_page(folder / ended(_REPORT, name), fitted, lit.settings(options), lit.scene, lit.doubts)
+        report, settings = folder / ended(_REPORT, name), lit.settings(options)
+        write_page(report, fitted, settings, lit.scene, lit.doubts, options.primaries)
 
 
 def write_page(
-    path: Path, fitted: Fit, settings: Mapping[str, str], scene: Scene | None, known: Sequence[Doubt] = ()
+    path: Path,
+    fitted: Fit,
+    settings: Mapping[str, str],
+    scene: Scene | None,
+    known: Sequence[Doubt] = (),
+    primaries: ColourSpace = DEFAULT_SPACE,
 ) -> None:
     """Write report.html, and say all that it warns of but what is known of the capture and was said."""
     description = dict(settings) | {
@@ -158,7 +164,14 @@ def write_page(
         *([f"--constraint {constraint}"] if constraint else []),
     ]
     found = write_report(
-        path, fitted.subject, description, observability=observability, scene=scene, tried=tried, known=known
+        path,
+        fitted.subject,
+        description,
+        observability=observability,
+        scene=scene,
+        tried=tried,
+        known=known,
+        primaries=primaries,
     )
     say_doubts(found)
 

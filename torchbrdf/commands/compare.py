@@ -38,7 +38,8 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         tables = [open_table(path, options.primaries) for path in paths]
         names = labels(paths)
         probe = open_probe(options)
-        comparison = Comparison.of(tables, probe, names, size=options.size, samples=options.samples)
+        settings = {"size": options.size, "samples": options.samples, "primaries": options.primaries}
+        comparison = Comparison.of(tables, probe, names, **settings)
         write_comparison(temporary, comparison)
     for name, difference in zip(names[1:], comparison.differences, strict=True):
         cells = ", ".join(f"{metric} {value:.2%}" for metric, value in difference.cells.items())

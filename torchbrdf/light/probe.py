@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.arguments import warn_of_lost_gradient
-from torchbrdf.images import DEFAULT_SPACE, ColourSpace, luminance, write_image
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, converted, luminance, write_image
 from torchbrdf.lasting import lasting_graph, without_autocast
 from torchbrdf.light._blur import blur
 from torchbrdf.light._picture import KNOWN, LAMPS_KEY, ROWS_KEY, LightPicture, check_proportions
@@ -114,9 +114,10 @@ class LightProbe:
         return cls._of(radiance, lamps, picture.name, reading)
 
     @classmethod
-    def default(cls, height: int = 128) -> LightProbe:
-        """The procedural probe: a studio room over five decades of radiance, lit from all sides."""
-        return cls._of(studio_room(_checked_height(height)).clone(), None, "default light probe")
+    def default(cls, height: int = 128, primaries: ColourSpace = DEFAULT_SPACE) -> LightProbe:
+        """The procedural probe: a studio room over five decades of radiance, lit from all sides; in a linear RGB."""
+        room = converted(studio_room(_checked_height(height)), DEFAULT_SPACE, primaries)
+        return cls._of(room.clone(), None, "default light probe")
 
     @classmethod
     def sky(

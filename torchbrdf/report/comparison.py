@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.brdf import BRDFDifference, MerlTable, directional_albedo, reflects_too_much
-from torchbrdf.images import exposure_for
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, converted, exposure_for
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import render_tables
 from torchbrdf.report._pictures import short_name
@@ -23,7 +23,9 @@ _FEW_COMMON = 0.99
 class Comparison:
     """Tables side by side; the first is the reference.
 
-    pictures     (K, 3, N, N)  radiance of spheres under the probe
+    shown        the tables under white light as a screen shows them: R, G, B of Rec. 709, as in all pictures
+    probe        the light, for its picture
+    pictures     (K, 3, N, N)  radiance of spheres under it
     exposure     takes the 99th percentile of the reference's picture to white
     albedo       (K, 4)        directional albedo at `ALBEDO_DEG`, mean of R, G, B
     differences  of all but the first from the first
@@ -31,6 +33,7 @@ class Comparison:
 
     names: Sequence[str]
     tables: Sequence[MerlTable]
+    shown: Sequence[MerlTable]
     probe: LightProbe
     pictures: Tensor
     exposure: float
@@ -46,12 +49,14 @@ class Comparison:
         *,
         size: int = COMPARISON_SIZE,
         samples: int = COMPARISON_SAMPLES,
+        primaries: ColourSpace = DEFAULT_SPACE,
     ) -> "Comparison":
         """Render and measure.
 
         names    of the tables; default: their own
         size     pixels along a side of the spheres
         samples  light samples a pixel, the same for all tables
+        primaries  the linear RGB of tables and light
         Raises ValueError for fewer than two tables, and where a table cannot be shown or compared.
         """
         tables = [MerlTable(table.values.detach().cpu(), table.valid.cpu(), table.name) for table in tables]
@@ -67,13 +72,21 @@ class Comparison:
                 raise ValueError(f"{name}: no cell was measured both here and in {names[0]}: nothing can be compared")
         view = SphereView(size)
         pictures = render_tables(tables, probe, view, samples).cpu()
+        shown = tables
+        if primaries != DEFAULT_SPACE:
+            pictures = converted(pictures.transpose(0, 1), primaries, DEFAULT_SPACE).transpose(0, 1)
+            shown = [
+                MerlTable(converted(table.values.T, primaries, DEFAULT_SPACE).T.clamp_min(0), table.valid, table.name)
+                for table in tables
+            ]
+            probe = LightProbe(converted(probe.radiance, primaries, DEFAULT_SPACE).clamp_min(0), name=probe.name)
         exposure = exposure_for(pictures[0], view.mask)
         differences = [
             BRDFDifference.of(table, tables[0], (image, pictures[0]), view.mask, exposure)
             for table, image in zip(tables[1:], pictures[1:], strict=True)
         ]
         albedo = torch.stack([directional_albedo(table).mean(1) for table in tables])
-        return cls(names, tables, probe, pictures, exposure, albedo, differences)
+        return cls(names, tables, shown, probe, pictures, exposure, albedo, differences)
 
     @property
     def warnings(self) -> list[str]:

@@ -32,7 +32,7 @@ def write_comparison(path: str | os.PathLike[str], comparison: Comparison, title
     """Write one HTML file that opens offline, with everything inside. The file is whole or absent."""
     names = comparison.names
     heading = title or f"{names[0]} and {names[1] if len(names) == 2 else f'{len(names) - 1} others'}"
-    spheres = TurnedSpheres.of(names, comparison.tables, comparison.pictures.shape[-1])
+    spheres = TurnedSpheres.of(names, comparison.shown, comparison.pictures.shape[-1])
     body = [
         f"<h1>{escape(heading)}</h1>",
         f'<p class="soft">BRDFs compared by torchbrdf; <b>{escape(names[0])}</b> is the reference.</p>',
@@ -117,9 +117,9 @@ def _slices(comparison: Comparison) -> str:
     rows = [
         [
             slice_figure(table, f"<b>{escape(name)}</b>", exposure)
-            for name, table in zip(comparison.names, comparison.tables, strict=True)
+            for name, table in zip(comparison.names, comparison.shown, strict=True)
         ]
-        for exposure in slice_exposures(comparison.tables[0])
+        for exposure in slice_exposures(comparison.shown[0])
     ]
     if len(comparison.names) == 2:
         rows = [[*rows[0], *rows[1]]]

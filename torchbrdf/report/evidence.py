@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchbrdf.brdf import MaterialLibrary, MerlTable, directional_albedo
 from torchbrdf.estimation import Reconstruction
-from torchbrdf.images import relative_rms
+from torchbrdf.images import DEFAULT_SPACE, ColourSpace, relative_rms
 from torchbrdf.light import LightProbe
 from torchbrdf.rendering import directional_pictures, render_tables
 from torchbrdf.report._deviations import Spread, gather_spread
@@ -126,6 +126,7 @@ class Evidence:
     albedo       (4, 3)  the result's `directional_albedo`
     known        what is doubtful of the capture whatever came out
     middle       of highlights, see `darkest_middle`
+    same_room    whether the other light is the photograph's own, turned
     """
 
     photograph: Tensor
@@ -144,6 +145,7 @@ class Evidence:
     spread: Spread | None = None
     known: tuple[Doubt, ...] = ()
     middle: float = 1.0
+    same_room: bool = False
 
     @property
     def averaged(self) -> bool:
@@ -193,8 +195,7 @@ class Evidence:
     @property
     def other_room(self) -> str:
         """Which light `other_light` is, in words."""
-        taken_there = self.probes[0].fingerprint == LightProbe.default().fingerprint
-        return "the same room, turned by 180°" if taken_there else "torchbrdf’s studio room"
+        return "the same room, turned by 180°" if self.same_room else "torchbrdf’s studio room"
 
     @property
     def grade(self) -> Grade:
@@ -202,12 +203,19 @@ class Evidence:
         return grade_of(self.found.error, self.typical_spread, [doubt.topic for doubt in self.doubts])
 
 
-def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = ()) -> Evidence:
+def gather(
+    subject: Subject,
+    size: int,
+    samples: int,
+    known: Sequence[Doubt] = (),
+    primaries: ColourSpace = DEFAULT_SPACE,
+) -> Evidence:
     """Tables and renderings of the result and of all candidates, on the CPU.
 
     size     pixels along a side of the spheres under light that was not observed
     samples  a pixel, for candidates where the library's harmonic transport was not precomputed
     known    what is doubtful of the capture
+    primaries  the linear RGB of photograph and light, in which the other light is, too
     """
     result, basis, library, probe = subject.result, subject.basis, subject.library, subject.probe.to("cpu")
     used = subject.mask.cpu() & basis.mask.cpu()
@@ -215,7 +223,7 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
     chosen = int(result.class_index)
     averaged = result.posteriors is not None or not torch.equal(result.weights, result.class_weights[chosen])
     sphere = SphereView(size)
-    other = other_light(probe)
+    other = other_light(probe, primaries)
     turn = turn_about_y(TURN_DEG)
     turned = probe.resized(min(probe.height, _TURNED_HEIGHT)).rotated(turn)
 
@@ -286,12 +294,13 @@ def gather(subject: Subject, size: int, samples: int, known: Sequence[Doubt] = (
         spread=spread,
         known=tuple(known),
         middle=darkest_middle(found.table),
+        same_room=other.fingerprint != LightProbe.default(primaries=primaries).fingerprint,
     )
 
 
-def other_light(probe: LightProbe) -> LightProbe:
+def other_light(probe: LightProbe, primaries: ColourSpace = DEFAULT_SPACE) -> LightProbe:
     """A probe that is not this one: the default, turned by half where the photograph was taken under it."""
-    default = LightProbe.default()
+    default = LightProbe.default(primaries=primaries)
     return default.rotated(turn_about_y(180.0)) if default.fingerprint == probe.fingerprint else default
 
 

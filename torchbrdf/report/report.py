@@ -14,7 +14,7 @@ import torch
 
 from torchbrdf.estimation import Observability
 from torchbrdf.files import writing
-from torchbrdf.images import LUMINANCE, exposure_for, stops_for
+from torchbrdf.images import DEFAULT_SPACE, LUMINANCE, ColourSpace, exposure_for, stops_for
 from torchbrdf.report._candidates import classes_section
 from torchbrdf.report._figures import (
     CHANNEL_COLOURS,
@@ -63,6 +63,7 @@ def write_report(
     scene: Scene | None = None,
     tried: Collection[str] = (),
     known: Sequence[Doubt] = (),
+    primaries: ColourSpace = DEFAULT_SPACE,
     size: int = _SIZE,
     samples: int = _SAMPLES,
 ) -> list[Doubt]:
@@ -74,16 +75,18 @@ def write_report(
     scene        the whole photograph of a ball, for a section of its own
     tried        options of `torchbrdf fit` that need not be recommended, as the result was made with them
     known        what is doubtful of the capture, whatever came out
+    primaries    the linear RGB of photograph, light and BRDF; pictures show it as a screen's, which the page says
     size         pixels along a side of the spheres under other light
     samples      a pixel, for candidates where the library's harmonic transport was not precomputed
     The file is whole or absent.
     """
-    evidence, view = gather(subject, size, samples, known), subject.view
+    evidence, view = gather(subject, size, samples, known, primaries), subject.view
     settings = {key: str(value) for key, value in description.items()}
     title = settings.pop("title", "") or "BRDF from a photograph"
     acts = acts_on(evidence, () if observability is None else observability.gaps)
     body = [
         f"<h1>{escape(title)}</h1>",
+        _colours(primaries),
         first_screen(evidence, view, subject.basis, acts, tried),
         _observed(evidence, view),
         *([] if scene is None else [silhouette_section(scene)]),
@@ -100,6 +103,16 @@ def write_report(
     with writing(path) as temporary:
         temporary.write_text(page(title, body), encoding="utf-8", errors="backslashreplace")
     return evidence.found_doubts
+
+
+def _colours(primaries: ColourSpace) -> str:
+    """What to know of the colours of all pictures."""
+    if primaries == DEFAULT_SPACE:
+        return ""
+    return (
+        f'<p class="caution">Pictures show linear {primaries} as if it were a screen’s RGB, so their colours are not '
+        "right: paler where the space is wider.</p>"
+    )
 
 
 def _observed(evidence: Evidence, view: View) -> str:

@@ -144,7 +144,7 @@ def together(lights: Sequence[LightHarmonics]) -> LightHarmonics:
     return [(_beside([c for c, _ in zone]), _beside([m for _, m in zone])) for zone in zip(*lights, strict=True)]
 
 
-def _beside(coefficients: Sequence[Tensor]) -> Tensor:
+def _beside(coefficients: list[Tensor]) -> Tensor:
     """(M, 6 K, elevations) of K (M, 6, elevations): real parts of all, then imaginary."""
     return torch.stack(coefficients, 1).unflatten(2, (2, 3)).movedim(2, 1).flatten(1, 3)
 
