@@ -18,6 +18,8 @@ from torchbrdf.commands._reconstruction import fit, summary, weights_record
 from torchbrdf.estimation.lobe_bounds import LobeBounds
 from torchbrdf.interruption import interruptible
 from torchbrdf.photograph.observation import Observation
+from torchbrdf.report.grade import GRADES
+from torchbrdf.report.report import Verdict
 
 SIZE = 16
 
@@ -153,14 +155,15 @@ def test_the_estimator_gets_the_options(tiny_library):
     plain = fit(observation, probe, tiny_library, "auto", view, basis)
     record = weights_record(plain)
     assert (record["penalty"], record["constraint"], record["robust"]) == ("auto", "lobes", False)
-    j, n, size = record["class"], plain.classes.n_classes, plain.classes.sizes[record["class"]]
+    j, last = record["class"], plain.classes.n_classes - 1
+    classes = f", from 0, the dullest, to {last}, mirror-like" if last else ""
     percent = f"{record['class_probabilities'][j]:.0%}"
     error = f"relative error on the photograph {record['relative_error']:.2%}"
-    assert summary(plain) == f"most probable of {n} classes: {j} ({size} basis BRDFs), {percent}; {error}"
+    assert summary(plain) == f"most probably of class {j} ({percent}){classes}; {error}"
 
     paper = fit(observation, probe, tiny_library, "paper", view, basis)
-    assert summary(paper).startswith(f"class {int(paper.result.class_index)} of {n} (")
-    assert sorted(weights_record(paper)["class_probabilities"]) == [0.0] * (n - 1) + [1.0]
+    assert summary(paper).startswith(f"class {int(paper.result.class_index)}{classes}; ")
+    assert sorted(weights_record(paper)["class_probabilities"]) == [0.0] * last + [1.0]
     assert weights_record(paper)["constraint"] is None
 
     free = fit(observation, probe, tiny_library, "auto", view, basis, "none")
@@ -235,7 +238,7 @@ def test_fit_of_the_demo_photograph_gives_the_same_table(default_library, capsys
 
     def write(path, *_, **__):
         path.write_text("")
-        return []
+        return Verdict(GRADES["Good"], [])
 
     monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
     probe, view = tb.LightProbe.default(), tb.SphereView(32)

@@ -18,6 +18,8 @@ from torchbrdf.analytic.table_fit import fit_analytic
 from torchbrdf.brdf.merl import CHANNEL_SCALE, GRID, N_CELLS, above_horizon
 from torchbrdf.cli import main
 from torchbrdf.mitsuba_startup import mitsuba_program
+from torchbrdf.report.grade import GRADES
+from torchbrdf.report.report import Verdict
 
 ALBEDO = (0.6, 0.3, 0.1)
 
@@ -354,7 +356,8 @@ def glb_text(path: Path) -> bytes:
 
 @pytest.mark.filterwarnings("ignore:.*material class:UserWarning")
 def test_uncertainty_of_a_photograph_weighs_the_cells(capsys, tmp_path, photo, light, tiny_library, monkeypatch):
-    monkeypatch.setattr("torchbrdf.commands._results.write_report", lambda *_, **__: [])  # which takes longest
+    verdict = Verdict(GRADES["Good"], [])
+    monkeypatch.setattr("torchbrdf.commands._results.write_report", lambda *_, **__: verdict)  # which takes longest
     out = tmp_path / "result"
     monkeypatch.setattr("torchbrdf.commands._lit_sight.open_library", lambda _: tiny_library)
     fit = ["fit", str(photo), "--probe", str(light), "-o", str(out)]

@@ -11,6 +11,8 @@ from torch import Tensor
 import torchbrdf as tb
 from failures import assert_fit_fails
 from torchbrdf.cli import main, parser
+from torchbrdf.report.grade import GRADES
+from torchbrdf.report.report import Verdict
 from turns import degrees_between, turn_about
 
 TURN = turn_about((1, -2, 1.5), 4)
@@ -36,9 +38,9 @@ def turned_probe(tmp_path: Path) -> Path:
 def short_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only its settings: the whole report takes longer than all the rest."""
 
-    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> list[str]:
+    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> Verdict:
         path.write_text(json.dumps(settings))
-        return []
+        return Verdict(GRADES["Good"], [])
 
     monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
 

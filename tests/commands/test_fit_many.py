@@ -21,6 +21,8 @@ from torchbrdf.cli import main, parser
 from torchbrdf.commands import _batch
 from torchbrdf.commands._photographs import photographs
 from torchbrdf.report import Doubt
+from torchbrdf.report.grade import GRADES
+from torchbrdf.report.report import Verdict
 
 SIZE = 16
 FILES = {"brdf.binary", "fitted.exr", "weights.json"}
@@ -374,8 +376,22 @@ class TestFinished:
 
 
 class TestInterruption:
+    @pytest.mark.parametrize(
+        ("more", "told"),
+        [
+            ([], "the same command goes on where it stopped"),
+            (["--overwrite"], "the same command begins anew, without --overwrite it goes on where it stopped"),
+        ],
+    )
     def test_what_is_finished_is_whole_and_the_rest_is_not_there(
-        self, fit: Fit, photos: Path, probe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self,
+        fit: Fit,
+        photos: Path,
+        probe: Path,
+        more: list[str],
+        told: str,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
     ):
         """By a signal while the third is read; the same command goes on."""
         calls: list[object] = []
@@ -390,10 +406,8 @@ class TestInterruption:
         with monkeypatch.context() as patch:
             patch.setattr(_batch, "_TOGETHER", 1)
             patch.setattr(_batch, "lit_sight", interrupted)
-            status, _, errors = fit(photos, "--probe", probe)
-        assert (status, errors) == (
-            143, ["torchbrdf: interrupted; the same command goes on where it stopped (SIGTERM)"]
-        )  # fmt: skip
+            status, _, errors = fit(photos, "--probe", probe, *more)
+        assert (status, errors) == (143, [f"torchbrdf: interrupted; {told} (SIGTERM)"])
         finished = times(tmp_path / "out")
         assert {"holed"} <= finished.keys() < {"holed", "paint", "satin"}
         assert names(tmp_path / "out") == finished.keys()
@@ -436,9 +450,10 @@ class TestWithoutReport:
 def reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages that hold their title, all with one doubt and a note: the whole report takes longer than all the rest."""
 
-    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> list[Doubt]:
+    def write(path: Path, _: object, settings: dict[str, str], **__: object) -> Verdict:
         path.write_text(settings["title"])
-        return [Doubt("oscillation", "The weights oscillate."), Doubt("clamped", "3% came out negative.")]
+        doubts = [Doubt("oscillation", "The weights oscillate."), Doubt("clamped", "3% came out negative.")]
+        return Verdict(GRADES["Fair"], doubts)
 
     monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
 
@@ -448,10 +463,13 @@ class TestReports:
     def test_each_has_its_own_and_its_warnings(self, fit: Fit, photos: Path, probe: Path, tmp_path: Path):
         given = [photos / "paint.exr", photos / "satin.exr"]
         notes = [f"{path}: 3% came out negative." for path in given]
-        for _ in ("made", "finished before"):
+        for when in ("made", "finished before"):
             status, lines, errors = fit(*given, "--probe", probe, "--report")
             assert (status, errors) == (0, [f"torchbrdf: warning: {path}: The weights oscillate." for path in given])
             assert lines[-2:] == [f"note: {text}" for text in notes]
+            if when == "made":
+                judged = "fair: pictures of it under other light are expected to be off by less than 15%"
+                assert [line.split("; ")[-1] for line in lines[:2]] == [judged] * 2
         for path in given:
             folder = tmp_path / "out" / path.stem
             assert names(folder) == FILES | {"report.html"}

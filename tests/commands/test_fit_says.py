@@ -20,6 +20,8 @@ from torchbrdf.commands._capture import doubts_of_sight
 from torchbrdf.commands._sight import find_silhouette
 from torchbrdf.photograph import Circle, Photograph
 from torchbrdf.report import Doubt
+from torchbrdf.report.grade import GRADES
+from torchbrdf.report.report import Verdict
 
 SIZE = 16
 UNEXPLAINED = Doubt("unexplained", "The fit leaves 89% unexplained.")
@@ -38,9 +40,9 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> list[Doubt]:
     """The doubts of reports that are not made: the whole report takes longer than all the rest."""
     said: list[Doubt] = []
 
-    def write(path: Path, *_: object, **__: object) -> list[Doubt]:
+    def write(path: Path, *_: object, **__: object) -> Verdict:
         path.write_text("")
-        return said
+        return Verdict(GRADES["Good"], said)
 
     monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
     return said
@@ -83,6 +85,19 @@ def test_in_five_lines_what_was_found(fit, photo):
     assert lines[1].startswith(f"light {photo.parent / 'probe.exr'}")
     assert "; harmonic" in lines[1] or "; sampled" in lines[1]
     assert "relative error on the photograph " in lines[2]
+    assert lines[3] == "good: pictures of it under other light are expected to be off by less than 5%"
+
+
+@pytest.mark.usefixtures("reports")
+def test_a_photograph_of_what_the_library_holds(fit, photo, precomputed_library):
+    """Which shows how well it explains itself, and tells nothing of other materials."""
+    basis = tb.render_basis(precomputed_library, tb.LightProbe.default(64), tb.SphereView(SIZE))
+    name = precomputed_library.names[3]
+    tb.write_image(photo, basis.image(name))
+    _, lines, _ = fit(photo, "--circle", SIZE / 2, SIZE / 2, SIZE / 2)
+    assert f"note: the library holds {name}, which looks the same; to test on it: --without {name}" in lines
+    _, lines, _ = fit(photo, "--circle", SIZE / 2, SIZE / 2, SIZE / 2, "--without", name)
+    assert not [line for line in lines if "looks the same" in line]
 
 
 @pytest.mark.usefixtures("reports")
@@ -217,6 +232,7 @@ class TestForScripts:
         assert (found["relative_error"], found["class"]) == (record["relative_error"], record["class"])
         assert found["class_probability"] == max(record["class_probabilities"])
         assert 0 < found["relative_std"] < 1
+        assert found["grade"] == "Good"
         assert found["warnings"] == document["warnings"] == ["The weights oscillate."]
         assert errors == ["torchbrdf: warning: The weights oscillate."]
         assert found["files"] == document["files"]
@@ -286,10 +302,10 @@ def test_an_output_that_is_called_as_a_file(capsys, photo, name: str):
 def test_what_is_known_of_the_capture_is_said_once_and_given_to_the_report(fit, photo, monkeypatch):
     known = []
 
-    def write(path: Path, *_: object, **given: object) -> list[Doubt]:
+    def write(path: Path, *_: object, **given: object) -> Verdict:
         path.write_text("")
         known.extend(given["known"])
-        return []
+        return Verdict(GRADES["Good"], [])
 
     monkeypatch.setattr("torchbrdf.commands._results.write_report", write)
     monkeypatch.setattr("torchbrdf.commands._lit_sight.doubts_of_sight", doubts_of_sight)

@@ -238,7 +238,8 @@ def test_what_a_reader_should_know_stands_first(tables, tmp_path, capsys):
         f"holes: {share:.1%} of its cells above the horizon were not measured; the pictures show their nearest "
         "measured neighbours there.",
         "black: 0 in every measured cell.",
-        f"holes: the differences over cells count the {1 - share:.1%} of the cells that were measured in both.",
+        f"holes and plastic: {1 - share:.1%} of the cells were measured in both; the differences over cells count no "
+        "others.",
     ]
     for warning in warned:
         assert f"torchbrdf: warning: {warning}\n" in said

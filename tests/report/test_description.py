@@ -11,7 +11,7 @@ from torchbrdf.brdf import cell_centres
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
-from torchbrdf.report._description import gloss_of, in_words, looks_clipped, most_alike
+from torchbrdf.report._description import gloss_of, held_by_library, in_words, looks_clipped, most_alike
 from torchbrdf.report._deviations import highlight_row
 from torchbrdf.report._figures import theta_h_curve
 from torchbrdf.report._first_screen import _gloss, _good
@@ -48,6 +48,18 @@ def test_a_material_of_the_library_looks_most_like_itself(tiny_library):
     assert alike[0].difference == pytest.approx(0, abs=1e-6)
     assert alike[1].difference > 0.01
     assert torch.equal(alike[0].image, basis.image("gold-0.3"))
+
+
+def test_what_the_library_holds_is_told_from_what_is_near(tiny_library):
+    """Used pixels count alone, and noise of the renderer is no difference; half as bright is another material."""
+    view = SphereView(12)
+    basis = render_basis(tiny_library, LightProbe.default(32), view, samples=64)
+    own, used = basis.image("gold-0.3"), view.mask.clone()
+    used[0, 3] = False
+    seen = torch.where(used, own * 1.01, 0)
+    assert held_by_library(seen, used, basis) == "gold-0.3"
+    assert held_by_library(seen, view.mask, basis) is None
+    assert held_by_library(own / 2, view.mask, basis) is None
 
 
 def test_lists_in_words():

@@ -10,8 +10,10 @@ from torchbrdf.light.probe import LightProbe
 from torchbrdf.rendering.basis import render_basis
 from torchbrdf.report.doubts import (
     DARK_MIDDLE,
+    ClassShare,
     clamped_share,
     darkest_middle,
+    doubts,
     doubts_of_result,
     doubts_without_pictures,
 )
@@ -39,6 +41,23 @@ def test_units_that_differ_show_in_how_much_is_reflected(tiny_library, scale, to
     result = BRDFEstimator(basis, MaterialClasses.single(tiny_library))(scale * basis.image("white"))
     found = {doubt.topic for doubt in doubts_without_pictures(result, basis, result.brdf(tiny_library))}
     assert found & {"too-dark", "too-bright"} == ({topic} if topic else set())
+
+
+@pytest.mark.parametrize(("error", "told"), [(0.01, "are in different units; scale"), (0.3, "of another light, or")])
+def test_too_much_light_of_a_fit_that_explains_little_may_be_another_light(error, told):
+    (*_, last) = doubts(
+        error=error,
+        classes=[ClassShare(0, 1.0, error)],
+        chosen=0,
+        albedo=torch.full((4,), 1.5),
+        oscillation=1.0,
+        clamped=0.0,
+        middle=1.0,
+        distrust=None,
+        spread=None,
+    )
+    assert last.topic == "too-bright"
+    assert told in last.text
 
 
 def test_few_pixels_are_a_doubt(tiny_library):

@@ -229,8 +229,9 @@ def test_the_three_answers_are_on_the_first_screen(report, tmp_path, browser, su
     wrong = replace(subject, photograph=noise, result=estimator(noise, subject.mask))
     observability = estimator.observability(subject.library)
     told = {"observability": observability, "size": 16, "samples": 16}
-    said = write_report(tmp_path / "r.html", wrong, {"title": "ball.exr"}, **told)
-    assert len(said) > 1
+    verdict = write_report(tmp_path / "r.html", wrong, {"title": "ball.exr"}, **told)
+    assert len(verdict.doubts) > 1
+    assert str(verdict.grade) == "poor: pictures of it under other light may be off by 15% or more"
     for path in (report, tmp_path / "r.html"):
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         tab.goto(path.as_uri())
@@ -245,7 +246,7 @@ def test_the_three_answers_are_on_the_first_screen(report, tmp_path, browser, su
         tab.close()
     words = re.findall('class="grade [a-z]+">([^<]*)<', (tmp_path / "r.html").read_text())
     assert words == ["Poor"]
-    assert all(f"<p>{escape(str(one))}</p>" in (tmp_path / "r.html").read_text() for one in said)
+    assert all(f"<p>{escape(str(one))}</p>" in (tmp_path / "r.html").read_text() for one in verdict.doubts)
 
 
 @pytest.mark.parametrize(

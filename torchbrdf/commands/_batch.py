@@ -14,7 +14,7 @@ from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._finished import lock_of, origin, record, said_before
 from torchbrdf.commands._lit_sight import Inputs, LitSight, lit_sight
 from torchbrdf.commands._photographs import Photograph
-from torchbrdf.commands._reconstruction import Fit, Setting, summary, weights_record
+from torchbrdf.commands._reconstruction import Fit, Setting, notes, summary, weights_record
 from torchbrdf.commands._results import (
     check_inputs_stay,
     failure,
@@ -30,9 +30,12 @@ from torchbrdf.commands._weights import WEIGHTS, write_weights
 from torchbrdf.files import writing_folder
 from torchbrdf.images import read_mask
 from torchbrdf.progress import progress_bar
+from torchbrdf.report import Grade
 
 _TOGETHER = 8
 """Tables that are combined in one pass over the library, and as many that wait to be written: 35 MB each."""
+
+_ANEW = "interrupted; the same command begins anew, without --overwrite it goes on where it stopped"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +66,7 @@ def fit_each(options: argparse.Namespace, photographs: Sequence[Photograph], fin
             with writer:
                 batch.run(photographs)
         except KeyboardInterrupt as error:
-            raise KeyboardInterrupt(str(error) or RESUMABLE) from None
+            raise KeyboardInterrupt(str(error) or (_ANEW if options.overwrite else RESUMABLE)) from None
         finally:
             findings.add(photographs=[batch.told[one] for one in photographs if one in batch.told])
     for text in batch.failures.values():
@@ -130,11 +133,13 @@ class _Batch:
         self._done_with(one, said)
         return True
 
-    def _done_with(self, one: Photograph, said: Sequence[Said], fitted: Fit | None = None) -> None:
+    def _done_with(
+        self, one: Photograph, said: Sequence[Said], fitted: Fit | None = None, grade: Grade | None = None
+    ) -> None:
         """Results are there: tell of them."""
         folder, files = self._options.output / one.name, products(self._options)
         if self._options.json:
-            self.told[one] = written(one.path, folder, files, in_record(said), fitted)
+            self.told[one] = written(one.path, folder, files, in_record(said), fitted, grade=grade)
         if fitted is not None:
             self._findings.add_files(*(folder / file for file in files))
         self._advance()
@@ -167,27 +172,29 @@ class _Batch:
         return []
 
     def _finish(self, one: _Seen, fitted: Fit) -> None:
-        def done() -> None:
-            self._findings.line(f"{one.photograph.name}: {summary(fitted)}")
-            self._done_with(one.photograph, one.said, fitted)
+        def done(grade: Grade | None = None) -> None:
+            judged = "" if grade is None else f"; {grade}"
+            self._findings.line(f"{one.photograph.name}: {summary(fitted)}{judged}")
+            self._findings.notes.extend(f"{one.photograph.path}: {note}" for note in notes(fitted))
+            self._done_with(one.photograph, one.said, fitted, grade)
 
         if self._options.no_report:
             with said_of(one.photograph.path, one.said):
                 say_doubts_of(fitted)
             self._writer.submit(lambda: self._write(one, fitted, nullcontext()), done)
         else:
-            self._write(one, fitted, said_of(one.photograph.path, one.said))
-            done()
+            done(self._write(one, fitted, said_of(one.photograph.path, one.said)))
 
-    def _write(self, one: _Seen, fitted: Fit, listening: AbstractContextManager[None]) -> None:
+    def _write(self, one: _Seen, fitted: Fit, listening: AbstractContextManager[None]) -> Grade | None:
         options = one.photograph.its(self._options)
         folder = options.output / one.photograph.name
         with writing_folder(folder, WEIGHTS, obsolete(folder), lock_of(options.output)) as temporary:
             write_table(temporary, fitted, options.uncertainty)
             with listening:
-                write_views(temporary, one.lit, fitted, options)
+                grade = write_views(temporary, one.lit, fitted, options)
             made = {"primaries": options.primaries} | record(one.made_from, temporary, one.said)
             write_weights(temporary, weights_record(fitted) | made)
+        return grade
 
     @contextmanager
     def _failing(self, photograph: Photograph) -> Iterator[None]:
@@ -205,7 +212,7 @@ class _Writer:
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1)
-        self._due: deque[tuple[Future[None], Callable[[], None]]] = deque()
+        self._due: deque[tuple[Future[object], Callable[[], None]]] = deque()
 
     def __enter__(self) -> Self:
         return self
@@ -217,7 +224,7 @@ class _Writer:
         finally:
             self._pool.shutdown(cancel_futures=True)
 
-    def submit(self, write: Callable[[], None], done: Callable[[], None]) -> None:
+    def submit(self, write: Callable[[], object], done: Callable[[], None]) -> None:
         """Have something written, and `done` called after that by `settle`."""
         self._due.append((self._pool.submit(write), done))
 

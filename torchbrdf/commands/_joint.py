@@ -25,7 +25,7 @@ from torchbrdf.estimation import Reconstruction
 from torchbrdf.files import writing_folder
 from torchbrdf.photograph import Observation
 from torchbrdf.progress import told_if_slow
-from torchbrdf.report import in_words
+from torchbrdf.report import Grade, in_words
 from torchbrdf.transport import BasisImages
 
 
@@ -41,9 +41,10 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
             whole, fits = _solved(options, inputs, lits)
         write_table(folder, fits[0], options.uncertainty)
         said: dict[Photograph, list[Said]] = {one: [] for one in photographs}
+        grades: list[Grade | None] = []
         for one, lit, fitted in zip(photographs, lits, fits, strict=True):
             with told_if_slow(f"making what belongs to {one.path}"), kept(said[one]):
-                write_views(folder, lit, fitted, one.its(options), one.name)
+                grades.append(write_views(folder, lit, fitted, one.its(options), one.name))
                 if options.no_report:
                     say_doubts_of(fitted)
         _say(said)
@@ -55,8 +56,9 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
         files = products(options, names)
         rest = {"primaries": options.primaries, "photographs": views, "files": files}
         write_weights(folder, weights_record(whole) | rest)
-    for lit, fitted in zip(lits, fits, strict=True):
-        findings.line(f"photograph {lit.about}; relative error {float(fitted.result.relative_error):.2%}")
+    for lit, fitted, grade in zip(lits, fits, grades, strict=True):
+        judged = "" if grade is None else f"; {grade}"
+        findings.line(f"photograph {lit.about}; relative error {float(fitted.result.relative_error):.2%}{judged}")
         findings.line(f"light {lit.light}; {fitted.subject.basis.description}")
     for lit in lits:
         if lit.found is not None:
@@ -66,9 +68,11 @@ def fit_together(options: argparse.Namespace, photographs: Sequence[Photograph],
     findings.add_files(*(options.output / file for file in files))
     if options.json:
         told = [
-            written(one.path, options.output, products(options, [one.name]), in_record(said[one]), fitted, one.name)
+            written(
+                one.path, options.output, products(options, [one.name]), in_record(said[one]), fitted, one.name, grade
+            )
             | {"relative_error": fitted.result.relative_error}
-            for one, fitted in zip(photographs, fits, strict=True)
+            for one, fitted, grade in zip(photographs, fits, grades, strict=True)
         ]
         findings.add(photographs=told, joint_relative_error=whole.result.relative_error)
     return 0

@@ -22,7 +22,7 @@ from torchbrdf.lasting import LastFew
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Observation
 from torchbrdf.rendering import render_basis
-from torchbrdf.report import Subject
+from torchbrdf.report import Subject, held_by_library
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import SphereView, View
 
@@ -220,13 +220,21 @@ def relative_std(fitted: Fit) -> float | None:
     return float(deviation.norm() / fitted.image.norm())
 
 
+def notes(fitted: Fit) -> list[str]:
+    """What to know of a result that is no reason to doubt it."""
+    of = fitted.subject
+    name = held_by_library(of.photograph, of.mask, of.basis)
+    return [] if name is None else [f"the library holds {name}, which looks the same; to test on it: --without {name}"]
+
+
 def summary(fitted: Fit) -> str:
     """One line on what was found."""
     result = fitted.result
     j = int(result.class_index)
     if result.posteriors is None:
-        what = f"class {j} of {fitted.classes.n_classes} ({fitted.classes.sizes[j]} basis BRDFs)"
+        what = f"class {j}"
     else:
-        n_classes, probability = fitted.classes.n_classes, float(result.class_probabilities[j])
-        what = f"most probable of {n_classes} classes: {j} ({fitted.classes.sizes[j]} basis BRDFs), {probability:.0%}"
+        what = f"most probably of class {j} ({float(result.class_probabilities[j]):.0%})"
+    if (last := fitted.classes.n_classes - 1):
+        what += f", from 0, the dullest, to {last}, mirror-like"
     return f"{what}; relative error on the photograph {float(result.relative_error):.2%}"

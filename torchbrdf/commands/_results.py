@@ -15,7 +15,7 @@ from torchbrdf.commands._reconstruction import Fit, relative_std, result_record,
 from torchbrdf.commands._said import say_doubts
 from torchbrdf.commands._weights import WEIGHTS, write_weights
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, write_image
-from torchbrdf.report import Doubt, Scene, doubts_without_pictures, write_report
+from torchbrdf.report import Doubt, Grade, Scene, doubts_without_pictures, write_report
 
 _ALIGNED = ("alignment.json", "aligned_probe.exr")
 _REPORT = "report.html"
@@ -46,12 +46,14 @@ def written(
     said: Mapping[str, Sequence[str]],
     fitted: Fit | None,
     name: str | None = None,
+    grade: Grade | None = None,
 ) -> dict[str, Any]:
     """What a script is told of a photograph whose results are in a folder, and is found there.
 
     said    its warnings and notes, see `in_record`
     fitted  None where it was finished before
     name    of one of several photographs of a material
+    grade   that the report gives; None without a report
     """
     record = json.loads((folder / WEIGHTS).read_text())
     alignment = ended(_ALIGNED[0], name)
@@ -61,6 +63,7 @@ def written(
         "error": None,
         "folder": folder,
         **result_record(record),
+        "grade": None if grade is None else grade.word,
         "relative_std": None if fitted is None else relative_std(fitted),
         "alignment": json.loads((folder / alignment).read_text()) if alignment in files else None,
         "files": [folder / file for file in files],
@@ -126,19 +129,22 @@ def write_table(folder: Path, fitted: Fit, uncertainty: bool) -> None:
         MerlTable(deviation, above_horizon(), "standard deviation").save(folder / RESULT_STD)
 
 
-def write_views(folder: Path, lit: LitSight, fitted: Fit, options: argparse.Namespace, name: str | None = None) -> None:
+def write_views(
+    folder: Path, lit: LitSight, fitted: Fit, options: argparse.Namespace, name: str | None = None
+) -> Grade | None:
     """Write what belongs to one photograph: fitted.exr, what an alignment found, report.html unless that is unwanted.
 
     name  of one of several photographs of a material
-    Says all that the report does.
+    Says all that the report does, and returns its grade.
     """
     if lit.found is not None:
         record, probe = (folder / ended(file, name) for file in _ALIGNED)
         _alignment.write(record, probe, lit.found, options.primaries)
     write_image(folder / ended("fitted.exr", name), fitted.image, primaries=options.primaries)
-    if not options.no_report:
-        report, settings = folder / ended(_REPORT, name), lit.settings(options)
-        write_page(report, fitted, settings, lit.scene, lit.doubts, options.primaries)
+    if options.no_report:
+        return None
+    report, settings = folder / ended(_REPORT, name), lit.settings(options)
+    return write_page(report, fitted, settings, lit.scene, lit.doubts, options.primaries)
 
 
 def write_page(
@@ -148,8 +154,8 @@ def write_page(
     scene: Scene | None,
     known: Sequence[Doubt] = (),
     primaries: ColourSpace = DEFAULT_SPACE,
-) -> None:
-    """Write report.html, and say all that it warns of but what is known of the capture and was said."""
+) -> Grade:
+    """Write report.html, and say all that it warns of but what is known of the capture and was said; its grade."""
     description = dict(settings) | {
         "penalty": str(fitted.estimator.penalty),
         "constraint": str(fitted.estimator.constraint or "none"),
@@ -163,7 +169,7 @@ def write_page(
         *(["--robust"] if fitted.estimator.robust else []),
         *([f"--constraint {constraint}"] if constraint else []),
     ]
-    found = write_report(
+    verdict = write_report(
         path,
         fitted.subject,
         description,
@@ -173,7 +179,8 @@ def write_page(
         known=known,
         primaries=primaries,
     )
-    say_doubts(found)
+    say_doubts(verdict.doubts)
+    return verdict.grade
 
 
 def say_doubts_of(fitted: Fit) -> None:

@@ -75,7 +75,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
 
 def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
     from torchbrdf.commands._lit_sight import Inputs, lit_sight
-    from torchbrdf.commands._reconstruction import summary, weights_record
+    from torchbrdf.commands._reconstruction import notes, summary, weights_record
     from torchbrdf.commands._results import (
         check_inputs_stay,
         obsolete,
@@ -102,18 +102,21 @@ def _fit_one(options: argparse.Namespace, findings: Findings) -> int:
             say_doubts_of(fitted)
         with told_if_slow(f"making {in_words(files)}"):
             write_table(folder, fitted, options.uncertainty)
-            write_views(folder, lit, fitted, options)
+            grade = write_views(folder, lit, fitted, options)
         write_weights(folder, weights_record(fitted) | {"primaries": options.primaries})
     findings.line(f"photograph {lit.about}")
     findings.line(f"light {lit.light}; {setting.basis.description}")
     if lit.found is not None:
         findings.line(lit.found)
     findings.line(summary(fitted))
+    findings.notes.extend(notes(fitted))
+    if grade is not None:
+        findings.line(grade)
     findings.line(f"wrote {options.output}/{in_words(files)}")
     findings.add_files(*(options.output / file for file in files))
     if options.json:
         said = {"warnings": findings.warnings, "notes": findings.notes}
-        findings.add(photographs=[written(options.photo, options.output, files, said, fitted)])
+        findings.add(photographs=[written(options.photo, options.output, files, said, fitted, grade=grade)])
     return 0
 
 

@@ -30,6 +30,9 @@ _NARROWEST = 0.5
 """Degrees: narrower is said to be so, as the cells and the pixels hold no more."""
 
 
+_SAME = 0.015
+"""Relative RMS difference up to which a photograph shows what the library holds: no other measurement comes as near."""
+
 _PLATEAU, _CLIPPED, _ABOVE = 1e-3, 4, 0.02
 """Pixels within such a share of the brightest, so many of them, and how much brighter the fit is there: clipped."""
 
@@ -83,6 +86,20 @@ def most_alike(fitted: Tensor, used: Tensor, exposure: float, basis: BasisImages
     gaps = (tone_map(images[..., inside], exposure) - shown).square().mean((1, 2)).sqrt()
     nearest = gaps.argsort(stable=True)[:count].tolist()
     return [Alike(basis.names[i], float(gaps[i]), basis.unpack(images[i]).cpu()) for i in nearest]
+
+
+def held_by_library(photograph: Tensor, used: Tensor, basis: BasisImages) -> str | None:
+    """The material of the library that a photograph shows, if any: to be recovered, it has to be left out.
+
+    photograph  (3, H, W) linear radiance
+    used        (1, H, W) bool
+    """
+    inside = basis.pack(used.to(basis.mask.device))[0]
+    images = own_images(basis.packed.detach())[..., inside].double()
+    y = basis.pack(photograph.to(images))[:, inside]
+    gaps = (images - y).square().sum((1, 2))
+    nearest = int(gaps.argmin())
+    return basis.names[nearest] if float(gaps[nearest]) < _SAME**2 * float(y.square().sum()) else None
 
 
 def gloss_of(table: MerlTable, first: int = 0) -> Gloss:

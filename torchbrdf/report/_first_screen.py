@@ -105,7 +105,7 @@ def _pictures(evidence: Evidence, view: View) -> str:
             f'<span class="ends"><span>0</span><span>{scale:.0%} or more</span></span>'
         )
         shown = ball(spread_map(shares, scale, small.mask), small, 1.0, "relative standard deviation of that", "wide")
-        shots.append((shown, "How uncertain", f" it is{key}"))
+        shots.append((shown, "How uncertain", key))
     return f'<div class="four">{"".join(plate(shot, f"<b>{name}</b>{more}") for shot, name, more in shots)}</div>'
 
 

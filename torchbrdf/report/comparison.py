@@ -106,8 +106,8 @@ class Comparison:
         for name, difference in zip(self.names[1:], self.differences, strict=True):
             if difference.common < _FEW_COMMON:
                 found.append(
-                    f"{name}: the differences over cells count the {percentage(difference.common)} of the cells that "
-                    "were measured in both."
+                    f"{name} and {self.names[0]}: {percentage(difference.common)} of the cells were measured in both; "
+                    "the differences over cells count no others."
                 )
         if any(isinf(difference.picture) for difference in self.differences):
             found.append(f"{self.names[0]} is black under {short_name(self.probe)}: no relative difference exists.")

@@ -152,21 +152,22 @@ def doubts(
     if error > LARGE_RESIDUAL:
         doubt(
             "unexplained",
-            f"The fit leaves {error:.1%} of the photograph unexplained. The probe may be turned or "
-            "scaled against the photograph, the silhouette may be another, the photograph may hold clipped "
-            "highlights, shadows or reflections of things near by, or the library lacks this kind of material."
+            f"The fit leaves {error:.1%} of the photograph unexplained. The probe may be of another place or time, or "
+            "turned or scaled against the photograph; the silhouette may be another; the photograph may hold clipped "
+            "highlights, shadows or reflections of things near by; or the library lacks this kind of material."
         )
+    units = "The photograph and the light probe are in different units; scale one of them."
+    if error > LARGE_RESIDUAL:  # then another light explains that, too
+        units = "The light probe is that of another light, or photograph and probe are in different units."
     if (too_much := reflects_too_much(albedo)) is not None:
         doubt(
             "too-bright",
-            f"The result {too_much}: no material does. The photograph and the light probe are in different units; "
-            "scale one of them."
+            f"The result {too_much}: no material does. {units}"
         )
     if float(albedo.max()) < LITTLE_ALBEDO:
         doubt(
             "too-dark",
-            f"The result reflects {float(albedo.max()):.2g} of the light at most, less than black cloth does. The "
-            "photograph and the light probe are in different units; scale one of them."
+            f"The result reflects {float(albedo.max()):.2g} of the light at most, less than black cloth does. {units}"
         )
     best, second = classes[chosen], second_best(classes, chosen)
     if second is not None and best.probability is not None and best.probability < SMALL_PROBABILITY:
@@ -201,7 +202,8 @@ def doubts(
         doubt(
             "clamped",
             f"{clamped:.1%} of the table's values came out negative and were set to zero. "
-            "Look for black spots and rings under directional lights."
+            "That changes nothing under light like the photograph's; under a single lamp, look for black spots and "
+            "rings."
         )
     if middle < DARK_MIDDLE:
         doubt(

@@ -32,6 +32,10 @@ class Grade:
     word: Word
     meaning: str
 
+    def __str__(self) -> str:
+        """For a line."""
+        return f"{self.word.lower()}: {self.meaning[0].lower()}{self.meaning[1:].removesuffix('.')}"
+
 
 _OFF = "Pictures of it under other light are expected to be off by"
 

@@ -6,6 +6,7 @@ light probes, under directional lights, and as curves.
 
 import os
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from math import isfinite, log2
 
@@ -42,6 +43,7 @@ from torchbrdf.report._spread import NINETY, spread_section
 from torchbrdf.report._warnings_section import warnings_section
 from torchbrdf.report.doubts import Doubt
 from torchbrdf.report.evidence import TURN_DEG, Evidence, Subject, gather
+from torchbrdf.report.grade import Grade
 from torchbrdf.report.page import definitions, page, plate, section
 from torchbrdf.view import SphereView, View
 
@@ -52,6 +54,14 @@ _SAMPLES = 400
 _N_WEIGHTS = 12
 _MAP_SCALES = (0.05, 0.1, 0.25, 0.5, 1.0)
 _LUMINANCE = torch.tensor(LUMINANCE)[:, None, None]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a report says first: how good the result is, and what it warns of beside what was known."""
+
+    grade: Grade
+    doubts: list[Doubt]
 
 
 def write_report(
@@ -66,8 +76,8 @@ def write_report(
     primaries: ColourSpace = DEFAULT_SPACE,
     size: int = _SIZE,
     samples: int = _SAMPLES,
-) -> list[Doubt]:
-    """Write one HTML file that opens offline, with everything inside; returns what it warns of beside what is known.
+) -> Verdict:
+    """Write one HTML file that opens offline, with everything inside.
 
     subject      the reconstruction and what it was made from
     description  settings to list, name -> value; a "title" becomes the title of the page
@@ -102,7 +112,7 @@ def write_report(
     ]
     with writing(path) as temporary:
         temporary.write_text(page(title, body), encoding="utf-8", errors="backslashreplace")
-    return evidence.found_doubts
+    return Verdict(evidence.grade, evidence.found_doubts)
 
 
 def _colours(primaries: ColourSpace) -> str:
@@ -130,7 +140,7 @@ def _observed(evidence: Evidence, view: View) -> str:
         f"{name} {error:.2%}" for name, error in zip("RGB", evidence.channel_errors, strict=True) if isfinite(error)
     )
     map_colours = signed_map(difference, scale, used)
-    bar_ends = f"<span>−{scale:.0%} of white</span><span>0</span><span>+{scale:.0%} of white</span>"
+    bar_ends = f"<span>−{scale:.0%}</span><span>0</span><span>+{scale:.0%} of white</span>"
     plates = [
         plate(
             picture(on_grey(evidence.photograph, exposure, used, shape), "the photograph", exposure, kind),
@@ -183,8 +193,9 @@ def _novel(evidence: Evidence) -> str:
     note = (
         '<p class="note">Under the probes the 99th percentile of each picture is white. The directional lights have '
         "irradiance π: at exposure × 1 a white diffuse surface that faces the light just reaches white. Each is shown "
-        "with two exposures, for the highlight and for what lies beside it. The angle turns the light about the "
-        "vertical axis (+Y): 0° is light from the camera, 90° from image right.</p>"
+        "with two exposures, for the highlight and for what lies beside it; rings and steps in the second are the "
+        "table’s cells, a degree wide. The angle turns the light about the vertical axis (+Y): 0° is light from the "
+        "camera, 90° from image right.</p>"
     )
     rows = (f'<div class="four">{"".join(figures)}</div>' for figures in (probes, directional))
     return section("Under light that was not photographed", *rows, note)

@@ -87,7 +87,7 @@ class HarmonicBasis:
 
     @without_autocast
     def packed_at_each(self, rotations: Sequence[Tensor]) -> list[Tensor]:
-        """(n, 3, P) of each, as `packed_at`; where columns are few in half the time, for some rotations share each pass."""
+        """(n, 3, P) of each, as `packed_at`; where columns are few in half the time, as rotations share passes."""
         if self.n > _FEW:
             return [self.packed_at(rotation) for rotation in rotations]
         weights = self._whole(torch.eye(self.n, dtype=torch.float32, device=self.transport.device))
