@@ -195,6 +195,12 @@ def test_bounds_and_failure_to_converge_are_said(capsys, tmp_path, clay, brass):
     assert "  at a bound: metallic at its lower bound 0" in lines
 
 
+def test_a_model_that_cannot_show_the_material_is_said_to_be_poor(capsys, clay, brass):
+    (note,) = [line for line in run(capsys, brass, "--model", "lambert")[0] if line.startswith("note: ")]
+    assert re.match(r"note: lambert is \d\d% off, so no parameters of it show this material well; another --", note)
+    assert not [line for line in run(capsys, clay, "--model", "lambert")[0] if line.startswith("note: ")]
+
+
 def test_table_with_holes(capsys, tmp_path):
     cells = grey_cells()
     cells[:, : N_CELLS // 4] = -1

@@ -26,6 +26,9 @@ EXAMPLES = (
     "torchbrdf analytic gold.binary -o gold.gltf",
 )
 
+_POOR = 0.1
+"""Relative error above which a fit is said to show the material badly: pictures of it then differ by 15 % and more."""
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is fitted, how, and what is written."""
@@ -103,6 +106,9 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         if preview and probe:
             write_preview(preview, table, fits, probe, options.size, options.primaries)
     findings.add(fits=fits.records)
+    if best.error > _POOR:
+        text = f"{best.model} is {best.error:.0%} off, so no parameters of it show this material well"
+        findings.notes.append(f"{text}; another --model may, or `torchbrdf export`, which writes the table itself")
     shown = f": from left to right {', '.join([table.name, *fits.labels])}"
     for path, what in ((options.output, ""), (options.preview, shown)):
         if path is not None:
