@@ -147,6 +147,22 @@ def test_a_smaller_ball_on_one_value_is_none_that_is_cut_out():
     assert off(locate(image)[0], ball) < 0.15
 
 
+@pytest.mark.parametrize("around", [0.0, 0.3])
+@pytest.mark.parametrize("radius", [29.0, 31.5, 33.0])
+def test_a_ball_a_little_smaller_than_its_picture_before_one_value(around, radius):
+    """Too near to its border for an outline to be found; with or without the pixels that the rim cuts."""
+    ball, fine = Circle(34.2, 33.9, radius), Circle(8 * 34.2, 8 * 33.9, 8 * radius)
+    image = torch.rand(3, 68, 68, generator=torch.Generator().manual_seed(0)) * 0.2 + 0.5
+    found, told = locate(torch.where(ball.holds(68, 68), image, around))
+    assert told == "before one value, which is all else in the photograph"
+    assert off(found, ball) < 0.3
+    if radius < 33:
+        whole = torch.where(fine.holds(544, 544), image.repeat_interleave(8, 1).repeat_interleave(8, 2), around)
+        assert off(locate(torch.nn.functional.avg_pool2d(whole, 8))[0], ball) < 0.3
+    camera = PinholeCamera.of_fov((68, 68), 20)
+    assert off(locate(torch.where(ball.holds(68, 68), image, around), camera)[0], ball) < 0.3
+
+
 def test_a_square_photograph_that_shows_no_ball_is_said_to_be_none_for_certain():
     image = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)) + 1
     with pytest.warns(

@@ -1,10 +1,13 @@
-"""Whether a crop shows that a ball fills it."""
+"""Whether a crop shows that a ball fills it, or a smaller one before one value."""
 
 from __future__ import annotations
+
+from math import pi
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d, max_pool2d
 
 from torchbrdf.photograph._pyramid import Pyramid
 from torchbrdf.photograph.silhouette import SNAP, Circle
@@ -26,6 +29,38 @@ _WIDEST = 11.0
 
 _STEEP = 2.0
 """How many times the usual step of radiance that at the rim is."""
+
+_LAST, _CUT, _MISSING = 2.0, 0.75, 0.05
+"""Pixels inside a rim between which none that is whole is missing but this share, whether those that it cuts are left
+out or not."""
+
+
+def apart(image: Tensor, usable: Tensor | None, circle: Circle) -> Circle | None:
+    """The ball in a crop that is smaller than its inscribed circle, with one value all around it; None for none.
+
+    So renderers write it. Its area counts a pixel of the outline by how far it is from the background to what lies
+    inside of it, as such pixels show both.
+    """
+    distance, known = _square(image, usable, circle)
+    beyond = image[:, known & _beyond(distance, circle)]
+    if not beyond.shape[1] or not _uniform(beyond):
+        return None
+    away = torch.where(known, (image - beyond[:, :1, None]).abs().sum(0), 0)
+    shown = away > 0
+    last = shown[known & (distance > circle.radius - _LAST) & (distance < circle.radius - _CUT)]
+    if not shown.any() or not last.numel() or float(last.float().mean()) > 1 - _MISSING:
+        return None
+    inside = max_pool2d((~shown).float()[None], 3, 1, 1)[0] == 0
+    near, count = (avg_pool2d(part[None], 5, 1, 2, divisor_override=1)[0] for part in (away * inside, inside.float()))
+    share = torch.where(inside, 1.0, (away * count / near.clamp_min(torch.finfo(near.dtype).tiny)).clamp(0, 1))
+    y, x = (float((places + 0.5).double().mean()) for places in shown.nonzero(as_tuple=True))
+    radius = (float((share * shown).sum(dtype=torch.float64)) / pi) ** 0.5
+    if radius < _RIM:
+        return None
+    ball = Circle(x, y, radius)
+    offset, _ = _square(image, usable, ball)
+    whole = bool(shown[offset < radius - 1].all()) and not bool(shown[offset > radius + 1].any())
+    return ball if whole else None
 
 
 def fills(image: Tensor, usable: Tensor | None, circle: Circle) -> bool:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
-from torchbrdf.photograph._filling import cut_out, fills
+from torchbrdf.photograph._filling import apart, cut_out, fills
 from torchbrdf.photograph._pyramid import Pyramid
 from torchbrdf.photograph.finding import FITTED_RADIUS, FoundBall, any_sure, balls_of, find_balls, find_near
 from torchbrdf.photograph.silhouette import SNAP, Circle
@@ -48,8 +48,8 @@ def locate(
     usable  (1, H, W)  bool, True = use; None uses all that is finite
     window  the part of the photograph that was recorded; None for all
     number  of the ball, counted from 1, the largest; None for the largest
-    A square photograph (or window) in which no other ball is seen is a crop to the ball, which fills it; one that is
-    cut out along its inscribed circle is the ball, whatever is seen in it.
+    A square photograph (or window) in which no other ball is seen is a crop to the ball, which fills it, unless one
+    value is all around a smaller one; one that is cut out along its inscribed circle is the ball, whatever is seen in it.
     Warns where another ball than that may be meant, and where such a crop shows neither its rim nor empty corners.
     Raises ValueError where there is no ball, or none for certain; for two of like size without a number; for one of
     which more than a third is cut off, and for an outline that no sphere has before the camera.
@@ -59,7 +59,8 @@ def locate(
     square = {what: part for what, part in parts.items() if abs(part.width - part.height) < SNAP}
     what, part = square.popitem() if number is None and square else ("", None)
     crop = None if part is None else Circle.inscribed(part)
-    if crop is not None and camera is None and cut_out(image, usable, crop):
+    smaller = None if crop is None else apart(image, usable, crop)
+    if crop is not None and smaller is None and camera is None and cut_out(image, usable, crop):
         return crop, f"as large as {what}, which is cut to it"
     pyramid = Pyramid.of(image, usable)
     none = crop is not None and camera is None and not any_sure(pyramid)
@@ -68,9 +69,11 @@ def locate(
     if crop is not None:
         others = [ball for ball in balls if ball.circle.differs(crop) >= SNAP]
         if not any(_beyond_doubt(ball) for ball in others):
-            _doubt(others, fills(image, usable, crop))
-            filling = crop if camera is None else Ball.of_circle(camera, crop.x, crop.y, crop.radius)
-            return filling, f"as large as {what}"
+            if smaller is None:
+                _doubt(others, fills(image, usable, crop))
+            seen = smaller or crop
+            told = f"as large as {what}" if smaller is None else f"before one value, which is all else in {what}"
+            return seen if camera is None else Ball.of_circle(camera, *seen.circle), told
     if camera is not None:
         _check_camera(max((ball.score for ball in found), default=0.0), pyramid, camera)
     if not balls:
