@@ -177,3 +177,11 @@ def test_what_is_beside_the_colours_is_checked(tmp_path, name, more, said):
     with pytest.raises(ValueError, match=said):
         write_image(tmp_path / name, picture(), **more)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.png"])
+def test_colours_of_a_space_that_is_none(tmp_path, name):
+    message = r"^primaries must be one of rec709, rec2020, p3-d65, aces-ap0, aces-ap1, xyz, got 'srgb'$"
+    with pytest.raises(ValueError, match=message):
+        write_image(tmp_path / name, picture(), primaries="srgb")
+    assert not list(tmp_path.iterdir())

@@ -13,7 +13,7 @@ from torchbrdf.files import writing
 from torchbrdf.images.display import tone_map
 from torchbrdf.images.formats import quiet_decoders
 from torchbrdf.images.pictures import OWN_KEYS
-from torchbrdf.images.primaries import SPACES, converted
+from torchbrdf.images.primaries import converted, space_named
 from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, EnvironmentMap
 
 DISPLAY_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -48,8 +48,8 @@ def write_image(
                Rec. 709
     alpha      (1, H, W) in [0, 1], .exr only
     envmap     says how light from all directions is laid out, .exr only
-    raises     ValueError for another shape or suffix, or metadata, alpha or envmap that the file cannot hold; OSError
-               when the file cannot be written
+    raises     ValueError for another shape, suffix or colour space, or metadata, alpha or envmap that the file cannot
+               hold; OSError when the file cannot be written
     """
     path = Path(path)
     check_image_suffix(path)
@@ -76,9 +76,10 @@ def write_image(
 
 def _named_colours(primaries: ColourSpace) -> dict[str, tuple[float, ...]]:
     """The attribute of an .exr file that names a colour space; none for the one that readers assume."""
+    space = space_named(primaries)
     if primaries == DEFAULT_SPACE:
         return {}
-    return {"chromaticities": tuple(number for point in SPACES[primaries].values for number in point)}
+    return {"chromaticities": tuple(number for point in space.values for number in point)}
 
 
 def check_image_suffix(path: Path) -> None:
