@@ -716,6 +716,6 @@ def test_rotated_texels_are_means_of_bilinear_lookups_over_their_footprints():
 
 
 def test_saved_in_a_colour_space_that_is_none(tmp_path):
-    with pytest.raises(ValueError, match="^primaries must be one of rec709, .*, got 'srgb'$"):
+    with pytest.raises(ValueError, match=r"^primaries must be one of rec709, .*, got 'srgb'$"):
         LightProbe.default(8).save(tmp_path / "a.exr", primaries="srgb")
     assert not list(tmp_path.iterdir())

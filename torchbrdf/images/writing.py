@@ -42,8 +42,8 @@ def write_image(
                (8 bits, tone mapped by `tone_map`)
     image      (3, H, W) linear RGB; any device. In .exr files NaN marks pixels that were not recorded, and
                infinity those that were too bright
-    metadata   text and numbers to keep in the header, .exr only: `read_metadata` gives the text back. Names of 1 to 31
-               characters, none of those that OpenEXR itself needs
+    metadata   text and numbers (whole ones of 32 bits) to keep in the header, .exr only: `read_metadata` gives the text
+               back. Names of 1 to 31 characters, none of those that OpenEXR itself needs
     primaries  the colour space of the image, which .exr and .hdr files then name; for display it is converted to
                Rec. 709
     alpha      (1, H, W) in [0, 1], .exr only
@@ -111,8 +111,10 @@ def _check_metadata(metadata: Mapping[str, str | float], path: Path) -> None:
     if metadata and path.suffix.lower() != ".exr":
         raise ValueError(f"{path}: only .exr files hold metadata; write an .exr, or leave the metadata out")
     for key, value in metadata.items():
-        if not (isinstance(key, str) and isinstance(value, str | float)):
+        if not (isinstance(key, str) and isinstance(value, str | float | int)):
             raise ValueError(f"metadata must be text or numbers by name, got {key!r}: {value!r}")
+        if isinstance(value, int) and not -(2**31) <= value < 2**31:  # OpenEXR would write another without a word
+            raise ValueError(f"metadata holds whole numbers of 32 bits, got {key!r}: {value!r}; give it as text")
         if key in OWN_KEYS:
             raise ValueError(f"metadata must not be named {key!r}, which OpenEXR keeps for itself; choose another name")
         if not 1 <= len(key.encode()) <= LONGEST_KEY or "\0" in f"{key}{value}":
