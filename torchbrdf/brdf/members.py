@@ -33,7 +33,7 @@ class Member:
 
 
 def position_among(names: Sequence[str], name: str, where: str) -> int:
-    """Where a material stands among names. Raises ValueError with the closest name where it is none of them, or no text.
+    """Where a material stands among names. Raises ValueError with the closest name where it is none, or no text.
 
     where  it was sought, in the message
     """
