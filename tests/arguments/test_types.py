@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 import torch
 
 import torchbrdf as tb
+from torchbrdf.arguments import whole
 from torchbrdf.learning import ReflectanceMaps, photograph_defects
 
 VIEW = tb.SphereView(8)
@@ -25,6 +27,18 @@ def refused(message: str, call: Callable[..., object], *given: object) -> None:
     with pytest.raises(ValueError) as raised:  # noqa: PT011 - the whole message is compared
         call(*given)
     assert str(raised.value) == message
+
+
+@pytest.mark.parametrize(("value", "got"), [(1.0, "1.0"), ("1", "'1'"), (None, "None"), ([1], "a list")])
+def test_what_is_no_whole_number(value: object, got: str):
+    refused(f"steps must be a whole number, got {got}", whole, "steps", value)
+
+
+@pytest.mark.parametrize("value", [3, np.int64(3), torch.tensor(3)])
+def test_whole_numbers_of_any_type(value: object):
+    found = whole("steps", value)
+    assert found == 3
+    assert type(found) is int
 
 
 def test_a_picture_of_what_is_no_table(probe: tb.LightProbe, tiny_library: tb.MaterialLibrary):

@@ -190,6 +190,17 @@ class TestSelection:
             with pytest.raises(ValueError, match=expected):
                 use("gold-0.4")
 
+    @pytest.mark.parametrize("name", [3, None, 1.5])
+    def test_a_name_that_is_no_text(self, tiny_library: MaterialLibrary, name: object):
+        for use in (tiny_library.table, tiny_library.without, lambda name: tiny_library.subset([name])):
+            with pytest.raises(ValueError, match=rf"^the name of a material must be a text, got {name}$"):
+                use(name)
+
+    def test_a_list_in_place_of_names(self, tiny_library: MaterialLibrary):
+        message = r"^the name of a material must be a text, got \['red'\]; pass a list's names one by one: \*names$"
+        with pytest.raises(ValueError, match=message):
+            tiny_library.without(["red"])
+
     def test_a_selection_of_nothing_is_refused(self, tiny_library: MaterialLibrary):
         with pytest.raises(ValueError, match="at least one"):
             tiny_library.without(*tiny_library.names)

@@ -18,3 +18,11 @@ def test_bad_images():
         relative_rms(torch.ones(3, 2, 2), torch.ones(3, 2, 3))
     with pytest.raises(ValueError, match="the reference image is 0 in every pixel used"):
         relative_rms(torch.ones(3, 2, 2), torch.zeros(3, 2, 2))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_reference_that_is_not_finite(value: float):
+    reference = torch.tensor([[[1.0, value]]])
+    with pytest.raises(ValueError, match=r"^the reference image holds NaN or infinite values in pixels used; mask"):
+        relative_rms(torch.ones(1, 1, 2), reference)
+    assert relative_rms(torch.ones(1, 1, 2), reference, torch.tensor([[True, False]])) == 0

@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+import torch
 
-from torchbrdf.images.primaries import SPACES, Primaries, conversion
+from torchbrdf.images.primaries import SPACES, Primaries, conversion, converted
 
 REC709_WHITE = (0.3127, 0.3290)
 
@@ -82,3 +83,10 @@ def test_rounded_chromaticities_name_their_space(numbers, name):
 def test_chromaticities_that_span_no_space(numbers, message):
     with pytest.raises(ValueError, match=message):
         Primaries.of(numbers)
+
+
+@pytest.mark.parametrize("spaces", [("srgb", "rec709"), ("rec709", "srgb"), ("srgb", "srgb")])
+def test_colours_of_a_space_that_is_none(spaces):
+    message = r"^primaries must be one of rec709, rec2020, p3-d65, aces-ap0, aces-ap1, xyz, got 'srgb'$"
+    with pytest.raises(ValueError, match=message):
+        converted(torch.ones(3, 2, 2), *spaces)

@@ -177,3 +177,23 @@ def test_what_is_beside_the_colours_is_checked(tmp_path, name, more, said):
     with pytest.raises(ValueError, match=said):
         write_image(tmp_path / name, picture(), **more)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.png"])
+def test_colours_of_a_space_that_is_none(tmp_path, name):
+    message = r"^primaries must be one of rec709, rec2020, p3-d65, aces-ap0, aces-ap1, xyz, got 'srgb'$"
+    with pytest.raises(ValueError, match=message):
+        write_image(tmp_path / name, picture(), primaries="srgb")
+    assert not list(tmp_path.iterdir())
+
+
+def test_metadata_of_whole_numbers(tmp_path):
+    numbers = {"iso": 100, "least": -(2**31), "largest": 2**31 - 1, "stops": 1.5}
+    write_image(tmp_path / "a.exr", picture(), numbers)
+    with OpenEXR.File(str(tmp_path / "a.exr")) as file:
+        assert {key: file.header()[key] for key in numbers} == numbers
+    for value in (2**31, -(2**31) - 1):
+        message = rf"^metadata holds whole numbers of 32 bits, got 'iso': {value}; give it as text$"
+        with pytest.raises(ValueError, match=message):
+            write_image(tmp_path / "b.exr", picture(), {"iso": value})
+    assert not (tmp_path / "b.exr").exists()

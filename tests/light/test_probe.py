@@ -713,3 +713,9 @@ def test_rotated_texels_are_means_of_bilinear_lookups_over_their_footprints():
     turned = rotate(radiance, rotation, supersampling=3)
     expected = area_mean(lambda d: bilinear(radiance.double(), d.double() @ rotation), 9, 18, 3)
     torch.testing.assert_close(turned, expected.float(), rtol=1e-5, atol=1e-5)
+
+
+def test_saved_in_a_colour_space_that_is_none(tmp_path):
+    with pytest.raises(ValueError, match=r"^primaries must be one of rec709, .*, got 'srgb'$"):
+        LightProbe.default(8).save(tmp_path / "a.exr", primaries="srgb")
+    assert not list(tmp_path.iterdir())

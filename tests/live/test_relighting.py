@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from materials import glossy, lambert
-from torchbrdf import LightProbe, MaterialLibrary, MerlTable, SphereView
+from torchbrdf import BRDFEstimator, LightProbe, MaterialClasses, MaterialLibrary, MerlTable, SphereView, render_basis
 from torchbrdf.live.relighting import Relighter
 from torchbrdf.rendering.tables import render_tables
 from torchbrdf.transport.harmonic.cache import transport_of
@@ -75,3 +75,18 @@ def test_the_mirror_ball_shows_the_light_where_a_mirror_would(relighter: Relight
         ball = lamp.mirror_ball(rotation_of(degrees, 1))[0]
         centre = (ball.sum(0) * torch.arange(33)).sum() / ball.sum()
         assert float(centre) == pytest.approx(column, abs=1.5)
+
+
+def test_a_result_is_shown_of_its_own_library_alone(tiny_library: MaterialLibrary) -> None:
+    """Another order of the same materials has as many columns."""
+    probe = LightProbe.default(32)
+    basis = render_basis(tiny_library, probe, SphereView(8), samples=16)
+    estimator = BRDFEstimator(basis, MaterialClasses.single(tiny_library))
+    photograph = basis.image(tiny_library.names[0])
+    names = tiny_library.names
+    for other in (tiny_library.subset(names[::-1]), tiny_library.without(names[0])):
+        with pytest.raises(ValueError, match=r"^this library is not the one that the basis images were rendered with$"):
+            Relighter.of(other, estimator(photograph), probe, SIZE)
+    several = r"^Relighter\.of needs a single reconstruction, this holds a batch \(2,\); pick one: result\[i\]$"
+    with pytest.raises(ValueError, match=several):
+        Relighter.of(tiny_library, estimator(torch.stack([photograph, photograph])), probe, SIZE)

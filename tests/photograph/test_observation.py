@@ -2,14 +2,16 @@
 
 from math import radians, sin
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.photograph._summed_area import SummedArea
-from torchbrdf.photograph.observation import observe, tilted_boxes
+from torchbrdf.photograph.observation import observe, observe_view, tilted_boxes
 from torchbrdf.photograph.silhouette import Circle, find_circle
+from torchbrdf.view.normal_map import NormalMapView
 from torchbrdf.view.sphere import SphereView
 
 
@@ -49,6 +51,58 @@ def test_not_finite_pixels_harm_only_where_they_are_used():
 def test_a_black_ball():
     with pytest.raises(ValueError, match="the ball is black: every usable pixel is 0"):
         observe(torch.zeros(3, 16, 16), find_circle((16, 16)))
+
+
+BAD_MASKS = {
+    "twice as large": (torch.ones(1, 48, 64) > 0, r"mask must have the size of the photograph, 24 x 32, got 48 x 64"),
+    "smaller": (torch.ones(1, 3, 4) > 0, r"mask must have the size of the photograph, 24 x 32, got 3 x 4"),
+    "two axes": (torch.ones(24, 32) > 0, r"mask must be bool \(1, 24, 32\), got torch\.bool \(24, 32\)"),
+    "floats": (torch.ones(1, 24, 32), r"mask must be bool \(1, 24, 32\), got torch\.float32 \(1, 24, 32\)"),
+    "an array": (np.ones((1, 24, 32), bool), r"mask must be a tensor of bool, got ndarray; see torch\.from_numpy"),
+}
+
+BAD_IMAGES = {
+    "an array": (np.ones((3, 24, 32)), r"image must be a tensor \(3, H, W\), got ndarray; see torch\.from_numpy"),
+    "one channel": (torch.ones(1, 24, 32), r"image must be \(3, H, W\), got \(1, 24, 32\)"),
+    "channels last": (
+        torch.ones(24, 32, 3),
+        r"image must be \(3, H, W\), got \(24, 32, 3\); permute it: image\.movedim\(-1, -3\)",
+    ),
+    "integers": (
+        torch.ones(3, 24, 32, dtype=torch.uint8),
+        r"image must hold linear floating-point radiance, got torch\.uint8; decode the file, "
+        r"torchbrdf\.read_image\(path, allow_ldr=True\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("mask", BAD_MASKS)
+def test_a_mask_that_is_none_of_the_photograph(mask: str):
+    """One of another size would be read in its top left corner."""
+    given, message = BAD_MASKS[mask]
+    image = torch.ones(3, 24, 32)
+    for call in (
+        lambda: observe(image, Circle(16, 12, 10), given, size=8),
+        lambda: observe_view(image, oblong_view(), given),
+        lambda: find_circle((24, 32), given),
+    ):
+        with pytest.raises(ValueError, match=f"^{message}$"):
+            call()
+
+
+@pytest.mark.parametrize("image", BAD_IMAGES)
+def test_an_image_that_is_no_photograph(image: str):
+    """Means of whole numbers would be cut to whole numbers."""
+    given, message = BAD_IMAGES[image]
+    for call in (lambda: observe(given, Circle(16, 12, 10)), lambda: observe_view(given, oblong_view())):
+        with pytest.raises(ValueError, match=f"^{message}$"):
+            call()
+
+
+def oblong_view() -> NormalMapView:
+    normals = torch.zeros(3, 12, 16)
+    normals[2] = 1
+    return NormalMapView(normals)
 
 
 def shaded(normals: Tensor, view_dirs: Tensor) -> Tensor:

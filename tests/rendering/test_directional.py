@@ -120,6 +120,7 @@ def test_a_camera_at_the_other_side_sees_the_same(matte):
         ({"angle_deg": float("nan")}, "angle_deg must be finite, got nan"),
         ({"angle_deg": 0.0, "irradiance": 0.0}, "irradiance must be positive and finite, got 0.0"),
         ({"angle_deg": 0.0, "subpixels": 0}, "subpixels must be at least 1, got 0"),
+        ({"angle_deg": 0.0, "subpixels": 1.5}, "subpixels must be a whole number, got 1.5"),
     ],
 )
 def test_bad_arguments(matte, arguments, message):

@@ -320,3 +320,16 @@ class TestBadInput:
             render_basis(tiny_library, lamps(), SMALL, samples=samples)
         with pytest.raises(ValueError, match=message):
             render(white, lamps(), SMALL, samples=samples)
+
+    @pytest.mark.parametrize(("samples", "got"), [(16.5, "16.5"), ("16", "'16'"), ([16], "a list")])
+    def test_samples_that_are_no_whole_number(self, white: MerlTable, samples: object, got: str) -> None:
+        with pytest.raises(ValueError, match=rf"^samples must be a whole number, got {got}$"):
+            render(white, lamps(), SMALL, samples=samples)
+
+    def test_samples_of_another_type(self, white: MerlTable) -> None:
+        pictures = [render(white, lamps(), SMALL, samples=samples) for samples in (16, torch.tensor(16))]
+        assert torch.equal(*pictures)
+
+    def test_no_table(self) -> None:
+        with pytest.raises(ValueError, match=r"^render_tables needs at least one table, got none$"):
+            render_tables([], lamps(), SMALL)

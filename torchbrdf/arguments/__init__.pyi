@@ -2,5 +2,6 @@ from .gradients import warn_of_lost_gradient as warn_of_lost_gradient
 from .types import (
     check_types as check_types,
     several as several,
+    whole as whole,
 )
 from .warning import warn as warn

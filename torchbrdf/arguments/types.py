@@ -1,7 +1,8 @@
 """Arguments of another type than a call takes, swapped ones above all."""
 
+import operator
 from collections.abc import Iterable
-from typing import TypeVar
+from typing import SupportsIndex, TypeVar
 
 Wanted = TypeVar("Wanted")
 
@@ -43,6 +44,14 @@ def several(
     for one in found:
         check_types(call, **{name: (one, wanted)}, **others)
     return found
+
+
+def whole(name: str, value: SupportsIndex) -> int:
+    """A whole number of any type, as an int. Raises ValueError where an argument of this name is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name} must be a whole number, got {_called(value)}") from None
 
 
 def _called(value: object) -> str:

@@ -33,10 +33,13 @@ class Member:
 
 
 def position_among(names: Sequence[str], name: str, where: str) -> int:
-    """Where a material stands among names. Raises ValueError with the closest name where it is none of them.
+    """Where a material stands among names. Raises ValueError with the closest name where it is none, or no text.
 
     where  it was sought, in the message
     """
+    if not isinstance(name, str):
+        advice = "; pass a list's names one by one: *names" if isinstance(name, list | tuple) else ""
+        raise ValueError(f"the name of a material must be a text, got {name!r}{advice}")
     if name not in names:
         raise ValueError(f"no material {name!r} {where}{did_you_mean(name, names)}")
     return names.index(name)

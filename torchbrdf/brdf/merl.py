@@ -82,7 +82,8 @@ def nearest_measured(valid: Tensor) -> Tensor:
 class MerlTable:
     """One RGB BRDF on the MERL grid.
 
-    values  (90, 90, 180, 3)  f_r in 1/sr; meaningless where not valid
+    values  (90, 90, 180, 3)  f_r in 1/sr; meaningless where not valid. Not copied: a NumPy array whose memory they
+                              share is not to be written to, which `lookup` does not notice, as it does of tensors
     valid   (90, 90, 180)     bool, True where measured
     name    str               the material
     """

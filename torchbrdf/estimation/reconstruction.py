@@ -116,7 +116,7 @@ class Reconstruction:
 
     def candidate(self, j: int, library: MaterialLibrary) -> MerlTable:
         """The BRDF that class j would give; see `brdf`."""
-        self._check("candidate", library)
+        self.check_library(library, "Reconstruction.candidate")
         return library.combine(self.class_weights[j], f"class {j}")
 
     def brdf(self, library: MaterialLibrary) -> MerlTable:
@@ -125,7 +125,7 @@ class Reconstruction:
         No gradient flows through it, of which it warns; for a loss under other light use `basis.render(weights)`.
         Raises ValueError for a batch (pick one with result[i]) or another library than that of the basis images.
         """
-        self._check("brdf", library)
+        self.check_library(library, "Reconstruction.brdf")
         return library.combine(self.weights, "reconstruction")
 
     def tables(self, library: MaterialLibrary, keep: bool = True) -> list[MerlTable]:
@@ -133,7 +133,7 @@ class Reconstruction:
 
         keep  whether the library's columns stay in memory, see `StoredColumns.blocks`
         """
-        self._check("tables", library)
+        self.check_library(library, "Reconstruction.tables")
         weights = torch.cat([self.weights[None], self.class_weights])
         names = ["reconstruction", *(f"class {j}" for j in range(len(weights) - 1))]
         return library.combine_each(weights, names, keep)
@@ -151,7 +151,7 @@ class Reconstruction:
 
     def brdf_std(self, library: MaterialLibrary) -> Tensor:
         """(90, 90, 180, 3) float32: standard deviation of f_r in every cell of `brdf`, in 1/sr, 0 below the horizon."""
-        self._check("brdf_std", library)
+        self.check_library(library, "Reconstruction.brdf_std")
         posterior = self.posterior
         some = torch.nonzero(above_horizon().ravel()).ravel()[::_SAMPLED]
         factor = posterior.compressed(library.rows(some))
@@ -168,15 +168,19 @@ class Reconstruction:
             raise ValueError('a fixed penalty has no posterior; make the estimator with penalty="auto"')
         return self.posteriors.single
 
+    def check_library(self, library: MaterialLibrary, call: str) -> None:
+        """Raise ValueError for a batch, or another library than that of the basis images.
+
+        call  what needs a single reconstruction and its library, as messages name it
+        """
+        self._single(call)
+        check_types(call, library=(library, MaterialLibrary))
+        if (library.source, library.names) != (self.library, self.names):
+            raise ValueError("this library is not the one that the basis images were rendered with")
+
     def _single(self, what: str) -> None:
         if self.class_index.ndim:
             raise ValueError(
                 f"{what} needs a single reconstruction, this holds a batch {tuple(self.class_index.shape)}; "
                 "pick one: result[i]"
             )
-
-    def _check(self, call: str, library: MaterialLibrary) -> None:
-        self._single(call)
-        check_types(f"Reconstruction.{call}", library=(library, MaterialLibrary))
-        if (library.source, library.names) != (self.library, self.names):
-            raise ValueError("this library is not the one that the basis images were rendered with")

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchbrdf.files import existing_file
 from torchbrdf.images.encodings import DECODERS, LINEAR, Transfer
 from torchbrdf.images.formats import Stored, Window, read_headers, read_stored
-from torchbrdf.images.primaries import SPACES, Primaries, conversion
+from torchbrdf.images.primaries import SPACES, Primaries, conversion, space_named
 from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, Encoding, EnvironmentMap
 
 OWN_KEYS = (
@@ -133,9 +133,7 @@ def _linear(
 
 def _converted(values: np.ndarray, source: Primaries, wanted: ColourSpace) -> tuple[np.ndarray, list[str]]:
     """Values in another space, and what was done: which it was, and how many pixels lie outside the new one."""
-    if wanted not in SPACES:
-        raise ValueError(f"primaries must be one of {', '.join(SPACES)}, got {wanted!r}")
-    target = SPACES[wanted]
+    target = space_named(wanted)
     if source.agrees(target):
         return values, []
     finite = np.isfinite(values).all(axis=0)

@@ -89,11 +89,19 @@ def conversion(source: Primaries, target: Primaries) -> np.ndarray:
     return np.linalg.solve(target.to_xyz(), adapted @ source.to_xyz())
 
 
+def space_named(name: ColourSpace) -> Primaries:
+    """Of the `SPACES`. Raises ValueError where it is none of them."""
+    if name not in SPACES:
+        raise ValueError(f"primaries must be one of {', '.join(SPACES)}, got {name!r}")
+    return SPACES[name]
+
+
 def converted(image: Tensor, source: ColourSpace, target: ColourSpace) -> Tensor:
-    """(3, ...) linear RGB of one space in another; see `conversion`."""
+    """(3, ...) linear RGB of one space in another; see `conversion`. Raises ValueError for an unknown space."""
+    before, after = space_named(source), space_named(target)
     if source == target:
         return image
-    return torch.tensordot(torch.from_numpy(conversion(SPACES[source], SPACES[target])).to(image), image, dims=1)
+    return torch.tensordot(torch.from_numpy(conversion(before, after)).to(image), image, dims=1)
 
 
 _D65 = (0.3127, 0.3290)

@@ -13,7 +13,7 @@ from torchbrdf.files import writing
 from torchbrdf.images.display import tone_map
 from torchbrdf.images.formats import quiet_decoders
 from torchbrdf.images.pictures import OWN_KEYS
-from torchbrdf.images.primaries import SPACES, converted
+from torchbrdf.images.primaries import converted, space_named
 from torchbrdf.images.settings import DEFAULT_SPACE, ColourSpace, EnvironmentMap
 
 DISPLAY_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -42,14 +42,14 @@ def write_image(
                (8 bits, tone mapped by `tone_map`)
     image      (3, H, W) linear RGB; any device. In .exr files NaN marks pixels that were not recorded, and
                infinity those that were too bright
-    metadata   text and numbers to keep in the header, .exr only: `read_metadata` gives the text back. Names of 1 to 31
-               characters, none of those that OpenEXR itself needs
+    metadata   text and numbers (whole ones of 32 bits) to keep in the header, .exr only: `read_metadata` gives the text
+               back. Names of 1 to 31 characters, none of those that OpenEXR itself needs
     primaries  the colour space of the image, which .exr and .hdr files then name; for display it is converted to
                Rec. 709
     alpha      (1, H, W) in [0, 1], .exr only
     envmap     says how light from all directions is laid out, .exr only
-    raises     ValueError for another shape or suffix, or metadata, alpha or envmap that the file cannot hold; OSError
-               when the file cannot be written
+    raises     ValueError for another shape, suffix or colour space, or metadata, alpha or envmap that the file cannot
+               hold; OSError when the file cannot be written
     """
     path = Path(path)
     check_image_suffix(path)
@@ -76,9 +76,10 @@ def write_image(
 
 def _named_colours(primaries: ColourSpace) -> dict[str, tuple[float, ...]]:
     """The attribute of an .exr file that names a colour space; none for the one that readers assume."""
+    space = space_named(primaries)
     if primaries == DEFAULT_SPACE:
         return {}
-    return {"chromaticities": tuple(number for point in SPACES[primaries].values for number in point)}
+    return {"chromaticities": tuple(number for point in space.values for number in point)}
 
 
 def check_image_suffix(path: Path) -> None:
@@ -110,8 +111,10 @@ def _check_metadata(metadata: Mapping[str, str | float], path: Path) -> None:
     if metadata and path.suffix.lower() != ".exr":
         raise ValueError(f"{path}: only .exr files hold metadata; write an .exr, or leave the metadata out")
     for key, value in metadata.items():
-        if not (isinstance(key, str) and isinstance(value, str | float)):
+        if not (isinstance(key, str) and isinstance(value, str | float | int)):
             raise ValueError(f"metadata must be text or numbers by name, got {key!r}: {value!r}")
+        if isinstance(value, int) and not -(2**31) <= value < 2**31:  # OpenEXR would write another without a word
+            raise ValueError(f"metadata holds whole numbers of 32 bits, got {key!r}: {value!r}; give it as text")
         if key in OWN_KEYS:
             raise ValueError(f"metadata must not be named {key!r}, which OpenEXR keeps for itself; choose another name")
         if not 1 <= len(key.encode()) <= LONGEST_KEY or "\0" in f"{key}{value}":

@@ -286,7 +286,7 @@ class LightProbe:
         Lamps of unknown radiance are infinite in it.
         primaries  the colour space of the radiance, which the file then names
         metadata   further attributes, by name
-        raises     ValueError for another suffix, OSError where the file cannot be written
+        raises     ValueError for another suffix or an unknown colour space, OSError where the file cannot be written
         """
         if Path(path).suffix.lower() != ".exr":
             raise ValueError(f"{path}: a light probe is saved as .exr, which can say how its rows lie; name it .exr")

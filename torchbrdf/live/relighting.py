@@ -59,7 +59,12 @@ class Relighter:
 
     @classmethod
     def of(cls, library: MaterialLibrary, result: Reconstruction, probe: LightProbe, size: int) -> "Relighter":
-        """The result and the candidate of every class of one reconstruction."""
+        """The result and the candidate of every class of one reconstruction.
+
+        library  the one of the result's basis images
+        Raises ValueError for another library, or a batch (pick one with result[i]).
+        """
+        result.check_library(library, "Relighter.of")
         likeliest = int(result.class_index)
         names = [f"class {j}{' (likeliest)' if j == likeliest else ''}" for j in range(len(result.class_weights))]
         weights = torch.zeros(1 + len(names), library.stored.columns.shape[1], 3, dtype=torch.float32)

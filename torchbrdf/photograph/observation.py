@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball, wholly_inside
+from torchbrdf.photograph._checks import check_image, check_mask
 from torchbrdf.photograph._summed_area import Boxes, SummedArea
 from torchbrdf.photograph.silhouette import Circle
 from torchbrdf.view import SphereView, View
@@ -43,8 +44,10 @@ def observe(
     Averages are exact over each new pixel's area, as the radiance of a SphereView is; of a ball off the camera's axis
     a new pixel is taken for boxes with sides along the photograph's. A new pixel is used where all of it lies inside
     the photograph, the mask and the silhouette, and shows no pixel that the silhouette cuts, which holds background.
-    Raises ValueError where such a pixel is not finite, none is left, or all are black.
+    Raises ValueError where such a pixel is not finite, none is left, or all are black; for an image that is not of
+    floating-point numbers, and a mask that is not bool or of another size.
     """
+    _check(image, mask)
     n = min(LARGEST_DEFAULT_SIZE, round(2 * silhouette.circle[2])) if size is None else size
     return _averaged(image, mask, SphereView(n), boxes_of(silhouette, n), "ball", silhouette)
 
@@ -81,6 +84,7 @@ def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Obser
     mask   (1, h, w)  bool, True = use; None uses all
     Raises ValueError where the photograph has other proportions than the view, too.
     """
+    _check(image, mask)
     height, width = image.shape[-2:]
     if height * view.size[1] != width * view.size[0]:
         raise ValueError(
@@ -88,6 +92,12 @@ def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Obser
             "crop it to what the camera of the view shows"
         )
     return _averaged(image, mask, view, _grid((0.0, 0.0), width / view.size[1], view.size), "shape")
+
+
+def _check(image: Tensor, mask: Tensor | None) -> None:
+    check_image(image)
+    if mask is not None:
+        check_mask(mask, image.shape[1], image.shape[2])
 
 
 def _grid(corner: tuple[float, float], step: float, size: tuple[int, int]) -> Boxes:

@@ -13,6 +13,7 @@ from torch import Tensor
 from torchbrdf.arguments import warn
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.images import Window
+from torchbrdf.photograph._checks import check_mask
 
 _ROUNDING = 1e-9
 SNAP = 1.5
@@ -102,16 +103,13 @@ def find_circle(size: tuple[int, int], mask: Tensor | None = None, window: Windo
             to a pixel and a half (masks often leave out the cut pixels of the rim)
     window  the part of the photograph that was recorded, whose inscribed circle counts instead; None for all
     Warns where the circle is a guess: no mask in an oblong photograph, or a mask that follows little of the rim.
-    Raises ValueError where the mask marks no ball.
+    Raises ValueError where the mask marks no ball, is not bool, or is of another size than the photograph.
     """
     height, width = size
     whole = Circle.inscribed(Window(0, 0, width, height))
     if mask is None:
         return _inscribed(whole, window, size)
-    if mask.shape != (1, height, width):
-        raise ValueError(
-            f"mask must have the size of the photograph, {height} x {width}, got {mask.shape[-2]} x {mask.shape[-1]}"
-        )
+    check_mask(mask, height, width)
     if not mask.any():
         raise ValueError("mask is empty: no pixel is marked as usable; paint the ball white")
     found = _Marked.best(mask[0].numpy())

@@ -11,7 +11,7 @@ from math import cos, isfinite, radians, sin
 import torch
 from torch import Tensor
 
-from torchbrdf.arguments import check_types, warn_of_lost_gradient
+from torchbrdf.arguments import check_types, warn_of_lost_gradient, whole
 from torchbrdf.brdf import MerlTable, linear_lookups
 from torchbrdf.view import View
 
@@ -54,6 +54,7 @@ def directional_pictures(
     w_i = light_direction(angle_deg, direction)
     if not 0 < irradiance < float("inf"):
         raise ValueError(f"irradiance must be positive and finite, got {irradiance}")
+    subpixels = whole("subpixels", subpixels)
     if subpixels < 1:
         raise ValueError(f"subpixels must be at least 1, got {subpixels}")
     steps = (torch.arange(subpixels, dtype=torch.float64) + 0.5) / subpixels

@@ -37,8 +37,11 @@ def render_tables(
 ) -> Tensor:
     """Radiance (K, 3, H, W) of several tables by one set of samples, which cost more than the lookups.
 
-    Differentiable in the tables' values, not in the probe's radiance, see `render`.
+    Differentiable in the tables' values, not in the probe's radiance, see `render`. Raises ValueError for no table, or
+    samples that are fewer than 2 or no whole number.
     """
+    if not tables:
+        raise ValueError("render_tables needs at least one table, got none")
     instead = "tb.render without samples carries it, of a view that the harmonic transport takes"
     warn_of_lost_gradient(probe.radiance, "the probe's radiance by the sampled transport", instead)
     values = torch.cat([table.filled.to(probe.device, torch.float32) for table in tables], dim=1)

@@ -147,11 +147,11 @@ class BasisImages:
         return self.unpack(torch.einsum("...ns,nsp->...sp", weights, self.packed.to(weights.dtype)))
 
     def pack(self, image: Tensor) -> Tensor:
-        """The pixels under the mask: (..., H, W) -> (..., P)."""
+        """The pixels under the mask: (..., H, W) -> (..., P). Raises ValueError for an image of another size."""
         return pack(image, self.mask)
 
     def unpack(self, packed: Tensor) -> Tensor:
-        """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
+        """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W). Raises ValueError for another P."""
         return unpack(packed, self.mask)
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import whole
 from torchbrdf.brdf import GRID, MaterialLibrary
 from torchbrdf.images import LUMINANCE
 from torchbrdf.light import LightProbe, LightStrata
@@ -106,6 +107,7 @@ def plan_transport(
     with few samples, how much each adds to the relative squared error of representative columns. These samples
     are independent of the later ones: a pixel that missed its light twice would be too dark on average [KA91].
     """
+    samples = whole("samples", samples)
     if samples < 2:
         raise ValueError(f"the transport needs at least 2 samples a pixel, got {samples}")
     columns, device = columns.detach(), columns.device

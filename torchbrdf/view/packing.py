@@ -13,16 +13,22 @@ def masked_pixels(mask: Tensor) -> Tensor:
 
 
 def pack(image: Tensor, mask: Tensor) -> Tensor:
-    """The pixels under a mask (1, H, W): (..., H, W) -> (..., P)."""
+    """The pixels under a mask (1, H, W): (..., H, W) -> (..., P). Raises ValueError for an image of another size."""
+    if image.shape[-2:] != mask.shape[-2:]:
+        height, width = mask.shape[-2:]
+        raise ValueError(f"an image to pack must be (..., {height}, {width}) as the mask is, got {tuple(image.shape)}")
     pixels = masked_pixels(mask).to(image.device)
     flat = image.flatten(-2)
     return flat.gather(-1, pixels.expand(*flat.shape[:-1], -1))  # four times faster than an index
 
 
 def unpack(packed: Tensor, mask: Tensor) -> Tensor:
-    """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
+    """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W). Raises ValueError for another P."""
+    pixels = masked_pixels(mask).to(packed.device)
+    if packed.shape[-1:] != pixels.shape:
+        raise ValueError(f"values to unpack must be (..., {len(pixels)}) of this mask, got {tuple(packed.shape)}")
     image = packed.new_zeros(*packed.shape[:-1], mask.numel())
-    return image.index_copy_(-1, masked_pixels(mask).to(packed.device), packed).unflatten(-1, mask.shape[-2:])
+    return image.index_copy_(-1, pixels, packed).unflatten(-1, mask.shape[-2:])
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,11 +116,11 @@ class View(ABC):
         return min(1.0, found / int((centres[:, None].square() + centres.square() <= 1).sum()))
 
     def pack(self, image: Tensor) -> Tensor:
-        """The pixels under the mask: (..., H, W) -> (..., P)."""
+        """The pixels under the mask: (..., H, W) -> (..., P). Raises ValueError for an image of another size."""
         return pack(image, self.mask)
 
     def unpack(self, packed: Tensor) -> Tensor:
-        """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W)."""
+        """The inverse of `pack`, 0 outside the mask: (..., P) -> (..., H, W). Raises ValueError for another P."""
         return unpack(packed, self.mask)
 
 
