@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 from kornia.augmentation import AugmentationSequential
+from scipy.stats import beta
 from torch import Tensor
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, SequentialSampler
 
@@ -67,6 +68,21 @@ def test_weights_of_plain_blends():
     assert float(affine.min()) >= -0.5 / 2
     alone = ReflectanceMaps(basis(), blending=replace(plain, materials=1, beyond=1))[list(range(50))]["weights"]
     assert torch.equal(alone.amax(1), torch.ones(50, 3))
+
+
+@pytest.mark.parametrize("evenness", [0.2, 0.05, 0.02, 1e-3, 1e-6])
+def test_uneven_blends_are_whole(evenness: float):
+    """Half of them are of one material; the first share of the others has a beta distribution."""
+    plain = Blending(materials=2, evenness=evenness, beyond=0, brightness=0, tint=0, swap_colours=False)
+    maps = ReflectanceMaps(basis(), blending=plain)
+    weights = maps[list(range(2000))]["weights"][..., 0]
+    torch.testing.assert_close(weights.sum(1), torch.ones(2000))
+    assert bool((weights >= 0).all())
+    mixed = float((weights.amax(1) < 0.9).float().mean())
+    share = beta(evenness, evenness)
+    expected = float(share.cdf(0.9) - share.cdf(0.1)) / 2
+    assert mixed == pytest.approx(expected, abs=4 * (expected / 2000) ** 0.5)
+    assert torch.equal(maps[list(range(2000))]["weights"][..., 0], weights)
 
 
 def test_negative_radiance_falls_back():
