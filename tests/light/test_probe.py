@@ -713,3 +713,14 @@ def test_rotated_texels_are_means_of_bilinear_lookups_over_their_footprints():
     turned = rotate(radiance, rotation, supersampling=3)
     expected = area_mean(lambda d: bilinear(radiance.double(), d.double() @ rotation), 9, 18, 3)
     torch.testing.assert_close(turned, expected.float(), rtol=1e-5, atol=1e-5)
+
+
+def test_first_asked_for_in_inference_mode() -> None:
+    """What a probe keeps enters graphs later."""
+    probe = LightProbe(random_map())
+    with torch.inference_mode():
+        _ = probe.solid_angles, probe.pdf(random_directions(2))
+    radiance = torch.ones(9, 18, dtype=torch.float64, requires_grad=True)
+    assert torch.equal(torch.autograd.grad((probe.solid_angles * radiance).sum(), radiance)[0], probe.solid_angles)
+    directions = random_directions(2).requires_grad_()
+    assert torch.autograd.grad(probe.pdf(directions).sum(), directions)[0].isfinite().all()
