@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, SequentialSampler
 
 from torchbrdf import BasisImages, SphereView
-from torchbrdf.learning.augment import RandomSensorNoise, photograph_defects
+from torchbrdf.learning.augment import RandomSensorNoise, RandomSilhouetteErosion, photograph_defects
 from torchbrdf.learning.reflectance_maps import Blending, ReflectanceMaps
 
 SIZE = 16
@@ -171,6 +171,24 @@ def test_defects_of_photographs():
     assert equal(maps[list(range(16))], batch)
     loader = DataLoader(maps, None, sampler=BatchSampler(SequentialSampler(maps), 16, False), num_workers=1)
     torch.testing.assert_close(next(iter(loader)), batch)
+
+
+@pytest.mark.parametrize("same_on_batch", [False, True])
+def test_draws_are_the_same_in_any_default_type(same_on_batch: bool):
+    clean = basis()
+
+    def sample() -> dict[str, Tensor]:
+        silhouette = RandomSilhouetteErosion(VIEW, p=0.5, same_on_batch=same_on_batch)
+        defects = AugmentationSequential(photograph_defects(VIEW), silhouette, data_keys=["input", "mask"])
+        return ReflectanceMaps(clean, defects, seed=1)[:16]
+
+    expected = sample()
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = sample()
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert equal(found, expected)
 
 
 def test_noise_has_its_size():

@@ -9,12 +9,12 @@ from math import isfinite, radians
 from typing import Any
 
 import torch
-from kornia.augmentation import AugmentationBase2D
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from kornia.geometry.liegroup import So3
 from kornia.geometry.transform import remap
 from torch import Tensor
 
+from torchbrdf.learning._drawing import DrawnInFloat32
 from torchbrdf.light import area_mean, row_solid_angles, texel_coordinates
 
 SUPERSAMPLING = 5
@@ -85,7 +85,7 @@ def random_rotations(
     return axis_angle_to_rotation_matrix(angle * torch.nn.functional.normalize(along, dim=-1))
 
 
-class RandomProbeRotation(AugmentationBase2D):
+class RandomProbeRotation(DrawnInFloat32):
     """`rotate_probes` by random rotations, as a kornia augmentation of light probes (B, 3, H, 2 H).
 
     degrees, axis  see `random_rotations`; a number is an angle between -degrees and degrees
@@ -122,7 +122,6 @@ class RandomProbeRotation(AugmentationBase2D):
             self.flags["degrees"],
             self.flags["axis"],
             self.device,
-            self.dtype,
         )
         return {"rotation": drawn.expand(batch_shape[0], 3, 3)}
 
