@@ -1,6 +1,8 @@
 """Harmonic transport: closed forms, the sampled transport as an oracle, orientations, gradients, views, bad input."""
 
+import copy
 import math
+import pickle
 from collections.abc import Callable
 
 import pytest
@@ -539,3 +541,13 @@ def test_several_pictures_of_some_materials(library: MaterialLibrary) -> None:
     weights = torch.rand(1, some.n, 3, generator=torch.Generator().manual_seed(0))
     basis = HarmonicBasis(some, lamps(64), SPHERE)
     assert relative(basis.images_of(weights)[0], SPHERE.unpack(basis.image_at(weights[0]))) < 2e-3
+
+
+def test_copies_share_the_transport_and_pickles_open_it(library: MaterialLibrary) -> None:
+    basis = HarmonicBasis(library, probe_of(lambda d: 1 + d[..., 1]), SPHERE)
+    weights = torch.ones(basis.n, 3)
+    image = basis.image_at(weights)
+    copied, found = copy.deepcopy(basis), pickle.loads(pickle.dumps(basis))
+    assert copied.transport is basis.transport
+    for one in (copied, found):
+        torch.testing.assert_close(one.image_at(weights), image)

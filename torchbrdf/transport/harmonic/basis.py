@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -60,6 +61,15 @@ class HarmonicBasis:
         whole = columns is None and library.materials == tuple(range(len(library.stored.names)))
         self._columns = None if whole else library.column_index.to(self.transport.device)[self.columns]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles hold no transport, which is the library's."""
+        return {name: value for name, value in vars(self).items() if name != "transport"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Open the transport of the library."""
+        vars(self).update(state)
+        self.transport = transport_of(self.library, False, in_perspective(self.view))
+
     def basis_at(self, rotation: Tensor | None = None) -> BasisImages:
         """The basis images under the probe turned by a rotation (3, 3), as `LightProbe.rotated` turns it.
 
@@ -87,7 +97,7 @@ class HarmonicBasis:
 
     @without_autocast
     def packed_at_each(self, rotations: Sequence[Tensor]) -> list[Tensor]:
-        """(n, 3, P) of each, as `packed_at`; where columns are few in half the time, for some rotations share each pass."""
+        """(n, 3, P) of each, as `packed_at`; of few columns in half the time, as rotations share passes."""
         if self.n > _FEW:
             return [self.packed_at(rotation) for rotation in rotations]
         weights = self._whole(torch.eye(self.n, dtype=torch.float32, device=self.transport.device))
