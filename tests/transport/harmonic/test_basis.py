@@ -551,3 +551,26 @@ def test_copies_share_the_transport_and_pickles_open_it(library: MaterialLibrary
     assert copied.transport is basis.transport
     for one in (copied, found):
         torch.testing.assert_close(one.image_at(weights), image)
+
+
+class TestWhatUsersGive:
+    PROBE = probe_of(lambda d: 1 + d[..., 1])
+
+    def test_rotations_are_arrays_or_tensors(self, library: MaterialLibrary) -> None:
+        basis, rotation = HarmonicBasis(library, self.PROBE, SPHERE), turn(10, 20, 30)
+        weights = torch.ones(basis.n, 3)
+        for call in (basis.image_at, basis.change_at):
+            assert torch.equal(call(weights, rotation.numpy()), call(weights, rotation))
+        assert torch.equal(basis.basis_at(rotation.numpy()).packed, basis.basis_at(rotation).packed)
+
+    def test_some_columns_have_no_basis_images(self, library: MaterialLibrary) -> None:
+        basis = HarmonicBasis(library, self.PROBE, SPHERE, columns=[0, 1, 2])
+        with pytest.raises(ValueError, match=r"^this HarmonicBasis is of some columns, .*; use image_at$"):
+            basis.basis_at()
+        assert basis.image_at(torch.eye(3)).shape[0] == 3
+
+    @pytest.mark.parametrize("shape", [(15, 3), (0, 15, 3), (2, 14, 3), (2, 15, 1), (1, 2, 15, 3)])
+    def test_weights_of_no_images(self, library: MaterialLibrary, shape: tuple[int, ...]) -> None:
+        basis = HarmonicBasis(library, self.PROBE, SPHERE)
+        with pytest.raises(ValueError, match=r"^weights must be \(K, n, 3\) = \(K, 15, 3\) of at least one"):
+            basis.images_of(torch.ones(shape))
