@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from kornia.augmentation import AugmentationSequential
@@ -212,14 +213,16 @@ BAD = {
     "basis images must share library and mask; render them for the same": lambda: ReflectanceMaps(
         [basis(), replace(basis(1), library="another")]
     ),
-    "length must be at least one sample, got 0": lambda: ReflectanceMaps(basis(), length=0),
+    "length must be at least one sample and whole, got 0": lambda: ReflectanceMaps(basis(), length=0),
     "spoil takes images and masks, and RandomSensorNoise images alone; put it in": lambda: ReflectanceMaps(
         basis(), RandomSensorNoise()
     ),
     "spoil takes images and masks, which this AugmentationSequential does not": lambda: ReflectanceMaps(
         basis(), AugmentationSequential(RandomSensorNoise())
     ),
-    "materials must be at least 1, got 0": lambda: Blending(materials=0),
+    "materials must be at least 1 and whole, got 0": lambda: Blending(materials=0),
+    "length must be at least one sample and whole, got 3.5": lambda: ReflectanceMaps(basis(), length=3.5),
+    "materials must be at least 1 and whole, got 2.5": lambda: Blending(materials=2.5),
     "evenness must be above 0, got 0": lambda: Blending(evenness=0),
     "tint must be at least 0 and finite, got -1": lambda: Blending(tint=-1),
 }
@@ -255,7 +258,7 @@ def test_defects_may_change_the_size():
 
 def test_slices_and_tensors_are_lists():
     maps = ReflectanceMaps(basis(), length=5)
-    for index in (slice(0, 3), torch.arange(3), range(3), (0, 1, 2), torch.tensor([0, -4, 2])):
+    for index in (slice(0, 3), torch.arange(3), range(3), (0, 1, 2), torch.tensor([0, -4, 2]), np.arange(3)):
         assert equal(maps[index], maps[[0, 1, 2]])
     assert equal(maps[torch.tensor(2)], maps[2])
     assert len(maps[1:]["image"]) == 4

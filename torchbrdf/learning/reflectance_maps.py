@@ -9,6 +9,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from kornia.augmentation import AugmentationBase2D, AugmentationSequential
 from kornia.constants import DataKey
@@ -51,8 +52,8 @@ class Blending:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.materials < 1:
-            raise ValueError(f"materials must be at least 1, got {self.materials}")
+        if self.materials < 1 or self.materials != int(self.materials):
+            raise ValueError(f"materials must be at least 1 and whole, got {self.materials}")
         if not self.evenness > 0:
             raise ValueError(f"evenness must be above 0, got {self.evenness}")
         for name in ("beyond", "brightness", "tint"):
@@ -98,8 +99,8 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
             if (one.library, one.names) != (first.library, first.names) or not torch.equal(one.mask, first.mask):
                 raise ValueError("basis images must share library and mask; render them for the same library and view")
         _check_keys(spoil)
-        if length < 1:
-            raise ValueError(f"length must be at least one sample, got {length}")
+        if length < 1 or length != int(length):
+            raise ValueError(f"length must be at least one sample and whole, got {length}")
         self.names, self.mask, self.lights = first.names, first.mask, len(lights)
         self.spoil, self.length, self.seed = spoil, length, seed
         self.blending = Blending() if blending is None else blending
@@ -123,11 +124,11 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         """Make other samples of the same indices, in running workers, too."""
         self._epoch.fill_(epoch)
 
-    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> dict[str, Tensor]:
-        """A sample, or a batch of samples for a slice, a list or a tensor of indices."""
+    def __getitem__(self, index: int | slice | Sequence[int] | Tensor | np.ndarray) -> dict[str, Tensor]:
+        """A sample, or a batch of samples for a slice, a list, a tensor or an array of indices."""
         if isinstance(index, slice):
             index = range(self.length)[index]
-        elif isinstance(index, Tensor):
+        elif isinstance(index, Tensor | np.ndarray):
             index = index.tolist()
         if isinstance(index, Sequence):
             return self._batch(index)
