@@ -63,3 +63,13 @@ def interrupted_at_two(seed: int, log: str) -> int:
 def tasks(log: Path, count: int = 4, **more: Any) -> list[Task]:
     places = {"log": str(log), **more}
     return [Task(f"seed-{seed}", {"seed": seed}, places) for seed in range(count)]
+
+
+def keywords(**given: Any) -> dict[str, Any]:
+    """Its own arguments."""
+    return given
+
+
+def other_keywords(**given: Any) -> dict[str, Any]:
+    """None of them."""
+    return {}

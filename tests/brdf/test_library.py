@@ -1,6 +1,8 @@
+import copy
 import hashlib
 import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from materials import lambert
 from torchbrdf.brdf._library_building import Build
 from torchbrdf.brdf.column_sources import MerlSource
 from torchbrdf.brdf.library import MaterialLibrary
@@ -682,3 +685,34 @@ class TestDefault:
 
         size = (Path(torchbrdf.__file__).parent / "brdf" / "default_library.safetensors").stat().st_size
         assert size <= 6_000_000
+
+
+class TestCopies:
+    def test_a_deep_copy_shares_the_mapped_columns(self, kept_files: Path) -> None:
+        library = MaterialLibrary.from_merl(kept_files, progress=False)
+        copied = copy.deepcopy(library)
+        assert copied.names == library.names
+        assert copied.stored is library.stored
+        assert copied.stored.mapping is not None
+
+    def test_a_pickle_of_a_mapped_library_says_where_it_lies(self, kept_files: Path, fresh_cache: Path) -> None:
+        library = MaterialLibrary.from_merl(kept_files, progress=False)
+        stored = pickle.dumps(library)
+        assert len(stored) < 4096
+        found = pickle.loads(stored)
+        assert found.names == library.names
+        assert found.stored.mapping is not None
+        assert torch.equal(found.stored.columns, library.stored.columns)
+        (manifest,) = fresh_cache.rglob("manifest.json")
+        other = json.loads(manifest.read_text()) | {"fingerprint": "another"}
+        manifest.write_text(json.dumps(other))
+        with pytest.raises(ValueError, match=r": the cache of a pickled library holds another library by now; open "):
+            pickle.loads(stored)
+        manifest.unlink()
+        with pytest.raises(ValueError, match=r": the cache of a pickled library is gone; open the library anew"):
+            pickle.loads(stored)
+
+    def test_a_pickle_of_tables_in_memory_holds_them(self) -> None:
+        library = MaterialLibrary.from_tables([MerlTable.from_function(lambert(0.5, 0.5, 0.5), "grey")])
+        found = pickle.loads(pickle.dumps(library))
+        assert torch.equal(found.stored.columns, library.stored.columns)

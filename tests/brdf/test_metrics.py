@@ -59,3 +59,12 @@ def test_the_maps_can_be_differentiated_down_to_zero(metric):
     zero = torch.zeros(1, dtype=torch.float64, requires_grad=True)
     (slope,) = torch.autograd.grad(METRICS[metric](zero).sum(), zero)
     assert float(slope) == pytest.approx(1 / 3 * CUBE_ROOT_OFFSET ** (-2 / 3) if metric == "cube-root" else 1.0)
+
+
+def test_first_asked_for_in_inference_mode() -> None:
+    """What is kept for all tables enters graphs later."""
+    for make in (cell_measure, incident_cosine, above_horizon):
+        make.cache_clear()
+        with torch.inference_mode():
+            make()
+        assert not make().is_inference()

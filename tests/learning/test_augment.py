@@ -594,3 +594,14 @@ BAD = {
 def test_bad_input(message: str):
     with pytest.raises(ValueError, match=message):
         BAD[message]()
+
+
+def test_what_random_rotations_take():
+    angles = random_rotations(50, degrees=5).diagonal(dim1=1, dim2=2).sum(1).sub(1).div(2).clamp(-1, 1).acos()
+    assert 0 < float(angles.max()) < 0.0874
+    for axis in ((0, 0, 0), (0, math.nan, 1), (1, 0)):
+        with pytest.raises(ValueError, match=r"^axis must be three finite numbers, not all zero, got "):
+            random_rotations(1, axis=axis)
+    for degrees in ((0, math.nan), (2, 1), math.inf):
+        with pytest.raises(ValueError, match=r"^degrees must be an angle or a range"):
+            random_rotations(1, degrees=degrees)

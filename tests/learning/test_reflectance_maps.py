@@ -4,14 +4,16 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from kornia.augmentation import AugmentationSequential
+from scipy.stats import beta
 from torch import Tensor
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, SequentialSampler
 
 from torchbrdf import BasisImages, SphereView
-from torchbrdf.learning.augment import RandomSensorNoise, photograph_defects
+from torchbrdf.learning.augment import RandomSensorNoise, RandomSilhouetteErosion, photograph_defects
 from torchbrdf.learning.reflectance_maps import Blending, ReflectanceMaps
 
 SIZE = 16
@@ -67,6 +69,21 @@ def test_weights_of_plain_blends():
     assert float(affine.min()) >= -0.5 / 2
     alone = ReflectanceMaps(basis(), blending=replace(plain, materials=1, beyond=1))[list(range(50))]["weights"]
     assert torch.equal(alone.amax(1), torch.ones(50, 3))
+
+
+@pytest.mark.parametrize("evenness", [0.2, 0.05, 0.02, 1e-3, 1e-6])
+def test_uneven_blends_are_whole(evenness: float):
+    """Half of them are of one material; the first share of the others has a beta distribution."""
+    plain = Blending(materials=2, evenness=evenness, beyond=0, brightness=0, tint=0, swap_colours=False)
+    maps = ReflectanceMaps(basis(), blending=plain)
+    weights = maps[list(range(2000))]["weights"][..., 0]
+    torch.testing.assert_close(weights.sum(1), torch.ones(2000))
+    assert bool((weights >= 0).all())
+    mixed = float((weights.amax(1) < 0.9).float().mean())
+    share = beta(evenness, evenness)
+    expected = float(share.cdf(0.9) - share.cdf(0.1)) / 2
+    assert mixed == pytest.approx(expected, abs=4 * (expected / 2000) ** 0.5)
+    assert torch.equal(maps[list(range(2000))]["weights"][..., 0], weights)
 
 
 def test_negative_radiance_falls_back():
@@ -157,6 +174,24 @@ def test_defects_of_photographs():
     torch.testing.assert_close(next(iter(loader)), batch)
 
 
+@pytest.mark.parametrize("same_on_batch", [False, True])
+def test_draws_are_the_same_in_any_default_type(same_on_batch: bool):
+    clean = basis()
+
+    def sample() -> dict[str, Tensor]:
+        silhouette = RandomSilhouetteErosion(VIEW, p=0.5, same_on_batch=same_on_batch)
+        defects = AugmentationSequential(photograph_defects(VIEW), silhouette, data_keys=["input", "mask"])
+        return ReflectanceMaps(clean, defects, seed=1)[:16]
+
+    expected = sample()
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = sample()
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert equal(found, expected)
+
+
 def test_noise_has_its_size():
     spoil = RandomSensorNoise((0.1, 0.1), (0.0, 0.0))
     batch = ReflectanceMaps(basis(), lambda image, mask: (spoil(image), mask))[list(range(64))]
@@ -178,14 +213,16 @@ BAD = {
     "basis images must share library and mask; render them for the same": lambda: ReflectanceMaps(
         [basis(), replace(basis(1), library="another")]
     ),
-    "length must be at least one sample, got 0": lambda: ReflectanceMaps(basis(), length=0),
+    "length must be at least one sample and whole, got 0": lambda: ReflectanceMaps(basis(), length=0),
     "spoil takes images and masks, and RandomSensorNoise images alone; put it in": lambda: ReflectanceMaps(
         basis(), RandomSensorNoise()
     ),
     "spoil takes images and masks, which this AugmentationSequential does not": lambda: ReflectanceMaps(
         basis(), AugmentationSequential(RandomSensorNoise())
     ),
-    "materials must be at least 1, got 0": lambda: Blending(materials=0),
+    "materials must be at least 1 and whole, got 0": lambda: Blending(materials=0),
+    "length must be at least one sample and whole, got 3.5": lambda: ReflectanceMaps(basis(), length=3.5),
+    "materials must be at least 1 and whole, got 2.5": lambda: Blending(materials=2.5),
     "evenness must be above 0, got 0": lambda: Blending(evenness=0),
     "tint must be at least 0 and finite, got -1": lambda: Blending(tint=-1),
 }
@@ -221,7 +258,7 @@ def test_defects_may_change_the_size():
 
 def test_slices_and_tensors_are_lists():
     maps = ReflectanceMaps(basis(), length=5)
-    for index in (slice(0, 3), torch.arange(3), range(3), (0, 1, 2), torch.tensor([0, -4, 2])):
+    for index in (slice(0, 3), torch.arange(3), range(3), (0, 1, 2), torch.tensor([0, -4, 2]), np.arange(3)):
         assert equal(maps[index], maps[[0, 1, 2]])
     assert equal(maps[torch.tensor(2)], maps[2])
     assert len(maps[1:]["image"]) == 4

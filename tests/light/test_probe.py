@@ -719,3 +719,14 @@ def test_saved_in_a_colour_space_that_is_none(tmp_path):
     with pytest.raises(ValueError, match=r"^primaries must be one of rec709, .*, got 'srgb'$"):
         LightProbe.default(8).save(tmp_path / "a.exr", primaries="srgb")
     assert not list(tmp_path.iterdir())
+
+
+def test_first_asked_for_in_inference_mode() -> None:
+    """What a probe keeps enters graphs later."""
+    probe = LightProbe(random_map())
+    with torch.inference_mode():
+        _ = probe.solid_angles, probe.pdf(random_directions(2))
+    radiance = torch.ones(9, 18, dtype=torch.float64, requires_grad=True)
+    assert torch.equal(torch.autograd.grad((probe.solid_angles * radiance).sum(), radiance)[0], probe.solid_angles)
+    directions = random_directions(2).requires_grad_()
+    assert torch.autograd.grad(probe.pdf(directions).sum(), directions)[0].isfinite().all()

@@ -1,5 +1,6 @@
 """Sweeps: what is kept, what is computed again, and the same bits in this process, in several and on a cluster."""
 
+import functools
 import json
 import os
 import signal
@@ -15,7 +16,16 @@ import pytest
 import torch
 
 from paths import ROOT
-from sweep_tasks import PATIENCE, dies_at_two, fails_at_two, interrupted_at_two, spectrum, tasks
+from sweep_tasks import (
+    PATIENCE,
+    dies_at_two,
+    fails_at_two,
+    interrupted_at_two,
+    keywords,
+    other_keywords,
+    spectrum,
+    tasks,
+)
 from torchbrdf.sweep import Task, sweep
 from torchbrdf.sweep.processes import _children_ignore_interrupts
 from torchbrdf.sweep.tasks import Call
@@ -89,6 +99,27 @@ class TestKeeping:
         with pytest.raises(ValueError, match=r"seed-0.json holds the result of another version; choose"):
             sweep(spectrum, tasks(tmp_path / "log"), tmp_path / "out")
 
+    def test_arguments_named_as_what_else_a_result_is_of(self, tmp_path: Path) -> None:
+        arguments = {"function": 1, "version": 2, "arguments": 3}
+        assert sweep(keywords, [Task("a", arguments)], tmp_path) == {"a": arguments}
+        assert sweep(keywords, [Task("a", arguments)], tmp_path) == {"a": arguments}
+        with pytest.raises(ValueError, match=r"a.json holds the result of another function; choose"):
+            sweep(other_keywords, [Task("a", arguments)], tmp_path)
+        for name in arguments:
+            with pytest.raises(ValueError, match=rf"a.json holds the result of another {name}; choose"):
+                sweep(keywords, [Task("a", {**arguments, name: 4})], tmp_path)
+
+    @pytest.mark.parametrize("arguments", [{"x": 1}, {"arguments": 1}, {}])
+    def test_results_of_earlier_releases_are_refused(self, arguments: dict[str, int], tmp_path: Path) -> None:
+        """They held the hashes of arguments beside the function and the version."""
+        sweep(keywords, [Task("a", arguments)], tmp_path)
+        path = tmp_path / "a.json"
+        stored = json.loads(path.read_text())
+        stored["of"].update(stored["of"].pop("arguments"))
+        path.write_text(json.dumps(stored))
+        with pytest.raises(ValueError, match=r"a.json holds the result of other arguments; choose"):
+            sweep(keywords, [Task("a", arguments)], tmp_path)
+
     def test_what_was_finished_before_an_error_stays(self, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=r"^two is too much$"):
             sweep(fails_at_two, tasks(tmp_path / "log"), tmp_path)
@@ -105,6 +136,12 @@ class TestBadInput:
         with pytest.raises(ValueError, match=r"^tasks must have different names; twice: seed-0$"):
             sweep(spectrum, tasks(tmp_path / "log", 1) * 2, tmp_path)
 
+    @pytest.mark.parametrize("name", ["a/b", "a\\b", "/a", "../a", "", "a\0b"])
+    def test_a_name_that_is_no_name_of_a_file(self, name: str, tmp_path: Path) -> None:
+        with pytest.raises(ValueError, match=r"^tasks are named as files, with no path separator, .* got '"):
+            sweep(spectrum, [Task(name, {"seed": 0})], tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
     def test_no_process(self, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=r"^a sweep needs at least one process, got 0$"):
             sweep(spectrum, [], tmp_path, 0)
@@ -112,6 +149,11 @@ class TestBadInput:
     def test_a_function_that_no_other_process_finds(self, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=r"^a sweep needs a function of a module that can be imported, got "):
             sweep(lambda: 1, [], tmp_path)
+
+    @pytest.mark.parametrize("function", [len, functools.partial(spectrum, seed=1), {}.get])
+    def test_a_function_of_no_file(self, function: Callable[..., Any], tmp_path: Path) -> None:
+        with pytest.raises(ValueError, match=r"^a sweep needs a function of a module that can be imported, got "):
+            sweep(function, [], tmp_path)
 
     def test_another_version_on_a_worker(self) -> None:
         call = Call("sweep_tasks", "spectrum", HERE, ("0.0.0", torch.__version__))

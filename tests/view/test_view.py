@@ -271,3 +271,15 @@ class TestNormalMap:
     def test_bad_arguments(self, normals: Tensor, mask: Tensor, dirs: Tensor, message: str):
         with pytest.raises(ValueError, match=message):
             NormalMapView(normals, mask, dirs)
+
+
+def test_first_asked_for_in_inference_mode() -> None:
+    """What a view keeps enters graphs later."""
+    for view in (SphereView(6), NormalMapView(SphereView(6).normals)):
+        with torch.inference_mode():
+            _ = view.pixels, view.normals, view.view_dirs
+        for kept in (view.normals, view.view_dirs):
+            values = torch.ones(3, 6, 6, requires_grad=True)
+            assert torch.equal(torch.autograd.grad((kept * values).sum(), values)[0], kept)
+        values = torch.ones(36, requires_grad=True)
+        assert float(torch.autograd.grad(values[view.pixels].sum(), values)[0].sum()) == len(view.pixels)

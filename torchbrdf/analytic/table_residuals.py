@@ -10,6 +10,7 @@ from torch import Tensor
 
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.brdf import GRID, METRICS, N_CELLS, MerlTable, cell_centres, cell_measure, incident_cosine
+from torchbrdf.lasting import lasting
 
 MODEL_ERROR = 0.1
 """What an analytic model misses of a material anyway: an uncertainty of this share halves the weight of a cell."""
@@ -41,6 +42,7 @@ class FitCells:
 
 
 @lru_cache(maxsize=6)
+@lasting
 def fit_cells(steps: tuple[int, int, int], largest_angle_deg: float, dtype: torch.dtype) -> FitCells:
     """One of so many cells along theta_h, theta_d and phi_d, without those whose directions are beyond an angle.
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from torchbrdf.brdf.directions import half_difference
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_grid import cell_index, row_edges
+from torchbrdf.lasting import lasting
 
 ALBEDO_DEG = (0, 30, 60, 75)
 
@@ -42,6 +43,7 @@ def _integral(rows: Callable[[Tensor], Tensor], cells: Tensor, weights: Tensor) 
 
 
 @lru_cache(maxsize=1)
+@lasting
 def _rules() -> list[tuple[Tensor, Tensor]]:
     return [albedo_rule(radians(angle)) for angle in ALBEDO_DEG]
 

@@ -134,6 +134,15 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
     return manifest if sound and size == 2 * N_CELLS * 3 * len(manifest["names"]) else None
 
 
+def reopened(folder: Path, fingerprint: str) -> StoredColumns:
+    """What a pickle of a mapped library stands for; ValueError where its cache is gone or holds another library."""
+    manifest = _manifest(folder)
+    if manifest is None or manifest["fingerprint"] != fingerprint:
+        why = "is gone" if manifest is None else "holds another library by now"
+        raise ValueError(f"{folder}: the cache of a pickled library {why}; open the library anew, and pickle it again")
+    return _open(folder)
+
+
 def _open(folder: Path) -> StoredColumns:
     manifest = json.loads((folder / "manifest.json").read_text())
     names = tuple(manifest["names"])
@@ -145,6 +154,7 @@ def _open(folder: Path) -> StoredColumns:
         said=tuple(map(tuple, manifest.get("said", ()))),
         same=tuple((i, j) for i, j in manifest.get("same", ())),
         parts=tuple(Part(key, tuple(theirs), tuple(mine)) for key, theirs, mine in manifest.get("parts", ())),
+        folder=folder.absolute(),
     )  # fmt: skip
 
 

@@ -6,6 +6,8 @@ from math import pi
 import torch
 from torch import Tensor
 
+from torchbrdf.lasting import lasting
+
 GRID = (90, 90, 180)
 """Cells in theta_h, theta_d and phi_d, in file order (phi_d fastest)."""
 
@@ -27,6 +29,7 @@ def row_edges(parts: int = 1) -> Tensor:
 
 
 @lru_cache(maxsize=1)
+@lasting
 def above_horizon() -> Tensor:
     """(90, 90, 180) bool: cells at whose centre both directions lie above the horizon (75 % of them)."""
     theta_h, theta_d, phi_d = cell_centres()

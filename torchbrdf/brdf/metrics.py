@@ -15,6 +15,7 @@ from torch import Tensor
 from torchbrdf.brdf.directions import from_half_difference
 from torchbrdf.brdf.merl_grid import GRID, above_horizon, cell_centres, row_edges
 from torchbrdf.brdf.settings import METRIC_NAMES
+from torchbrdf.lasting import lasting
 
 CUBE_ROOT_OFFSET = 1e-8
 """In 1/sr: gives the cube root a finite slope at 0. Half the cells of the darkest MERL material, black obsidian, hold
@@ -37,6 +38,7 @@ METRICS: Mapping[str, Callable[[Tensor], Tensor]] = MappingProxyType(
 
 
 @lru_cache(maxsize=1)
+@lasting
 def incident_cosine() -> Tensor:
     """(90, 90, 180) float64: cos(theta_i) at the centres of the cells, 0 where either direction is below the horizon.
 
@@ -47,6 +49,7 @@ def incident_cosine() -> Tensor:
 
 
 @lru_cache(maxsize=1)
+@lasting
 def cell_measure() -> Tensor:
     """(90, 90, 180) float64, sr^2: the integral of dw_i dw_o over each cell; 0 for cells below the horizon.
 

@@ -4,6 +4,8 @@ import hashlib
 import mmap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, SupportsIndex
 
 import numpy as np
 import torch
@@ -43,6 +45,10 @@ class StoredColumns:
     said         (m) what each material's table is to be warned of
     same         pairs of materials that are one measurement
     parts        the earlier libraries from which columns were taken, and what came new; () where all is new
+    folder       of the cache that is mapped, None where all is in memory
+
+    Not to be written to: a deep copy is the same object, a pickle of what is mapped says where it lies and is opened
+    from there.
     """
 
     names: tuple[str, ...]
@@ -56,6 +62,19 @@ class StoredColumns:
     said: tuple[tuple[str, ...], ...] = ()
     same: tuple[tuple[int, int], ...] = ()
     parts: tuple[Part, ...] = ()
+    folder: Path | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "StoredColumns":
+        """The same, mapped once."""
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
+        """See the class."""
+        if self.mapping is None or self.folder is None:
+            return super().__reduce_ex__(protocol)
+        from torchbrdf.brdf.library_cache import reopened
+
+        return reopened, (self.folder, self.fingerprint)
 
     def prefetch(self) -> None:
         """Ask the system to read the columns ahead: page by page, as a first gather would, takes far longer."""

@@ -176,7 +176,7 @@ class RandomSensorNoise(DrawingAugmentation):
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
         """Draw sizes, and noise for each pixel."""
         count = 1 if self.same_on_batch else batch_shape[0]
-        white = torch.randn(count, *batch_shape[1:], device=self.device, dtype=self.dtype).expand(batch_shape)
+        white = torch.randn(count, *batch_shape[1:], device=self.device, dtype=torch.float32).expand(batch_shape)
         sizes = {name: self.uniform(batch_shape, self.flags[name], 1, 1, 1) for name in ("shot", "read")}
         return {**sizes, "white": white}
 

@@ -13,6 +13,7 @@ from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from torchbrdf.learning._drawing import DrawnInFloat32
 from torchbrdf.learning.masking import (
     MARGIN,
     erode_silhouette,
@@ -26,13 +27,13 @@ from torchbrdf.view import SphereView, View
 Range = tuple[float, float]
 
 
-class DrawingAugmentation(IntensityAugmentationBase2D):
-    """An augmentation of images that draws uniform numbers."""
+class DrawingAugmentation(DrawnInFloat32, IntensityAugmentationBase2D):
+    """An augmentation of images that draws uniform numbers, in float32 whatever torch's default type is."""
 
     def uniform(self, batch_shape: Sequence[int], span: Range, *shape: int) -> Tensor:
         """(B, *shape) uniform in a range, equal for the whole batch with `same_on_batch`."""
         count = 1 if self.same_on_batch else batch_shape[0]
-        drawn = span[0] + (span[1] - span[0]) * torch.rand(count, *shape, device=self.device, dtype=self.dtype)
+        drawn = span[0] + (span[1] - span[0]) * torch.rand(count, *shape, device=self.device, dtype=torch.float32)
         return drawn.expand(batch_shape[0], *shape)
 
 

@@ -113,7 +113,8 @@ def reflection_angles(view: View, direction: Sequence[float]) -> Tensor:
 
 def _mirrored_rays(view: View) -> tuple[Tensor, Tensor]:
     """(3, P, 9) each: normals at nine places of every pixel, its corners too, and where a mirror there would look."""
-    places = torch.cartesian_prod(*[torch.tensor([0.0, 0.5, 1.0])] * 2).T[:, None].expand(2, len(view.pixels), 9)
+    sides = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float32)
+    places = torch.cartesian_prod(sides, sides).T[:, None].expand(2, len(view.pixels), 9)
     seen = view.surface(view.pixels, places[0], places[1])
     n, v = seen.normals.float(), seen.view_dirs.float()
     return n, 2 * (n * v).sum(0) * n - v

@@ -100,7 +100,7 @@ class RandomOccluders(HidingAugmentation):
         present = torch.arange(most, device=self.device) < self.uniform(batch_shape, (least, most + 1), 1).floor()
         kinds = torch.tensor([KINDS.index(kind) for kind in self.flags["kinds"]], device=self.device)
         chosen = self.uniform(batch_shape, (0, len(kinds)), most).long().clamp_max(len(kinds) - 1)
-        low, high = (float(x) for x in torch.tensor(self.flags["radiance"]).log())
+        low, high = (float(x) for x in torch.tensor(self.flags["radiance"], dtype=torch.float32).log())
         return {
             "kind": kinds[chosen],
             "centre": self.uniform(batch_shape, (-0.8, 0.8), most, 2),
@@ -144,7 +144,7 @@ def _in_ellipse(x: Tensor, y: Tensor, corners: Tensor) -> Tensor:
 def _in_polygon(x: Tensor, y: Tensor, corners: Tensor) -> Tensor:
     """Inside the polygon with corners (N, V) at even angles around the origin; x, y (N, H, W)."""
     step = 2 * pi / corners.shape[1]
-    angles = step * torch.arange(corners.shape[1], device=corners.device)
+    angles = step * torch.arange(corners.shape[1], dtype=corners.dtype, device=corners.device)
     x_0, y_0 = corners * torch.cos(angles), corners * torch.sin(angles)
     x_1, y_1 = x_0.roll(-1, 1), y_0.roll(-1, 1)
     sector = torch.remainder(torch.atan2(y, x) / step, corners.shape[1]).long().clamp_max(corners.shape[1] - 1)

@@ -9,12 +9,12 @@ from math import isfinite, radians
 from typing import Any
 
 import torch
-from kornia.augmentation import AugmentationBase2D
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from kornia.geometry.liegroup import So3
 from kornia.geometry.transform import remap
 from torch import Tensor
 
+from torchbrdf.learning._drawing import DrawnInFloat32
 from torchbrdf.light import area_mean, row_solid_angles, texel_coordinates
 
 SUPERSAMPLING = 5
@@ -63,7 +63,7 @@ def rotate_probes(
 
 def random_rotations(
     n: int,
-    degrees: tuple[float, float] | None = None,
+    degrees: float | tuple[float, float] | None = None,
     axis: Sequence[float] | None = None,
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.float32,
@@ -71,9 +71,11 @@ def random_rotations(
     """(n, 3, 3): random rotations, from torch's global generator.
 
     degrees  least and largest angle, uniform between; None for the whole turn, with every orientation equally likely
-             where the axis is free
-    axis     (3,) of any length; None for one of random direction
+             where the axis is free; a number is an angle between -degrees and degrees
+    axis     (3,) of any length above 0; None for one of random direction
+    Raises ValueError for other degrees, or another axis.
     """
+    degrees, axis = _checked(degrees, axis)
     if degrees is None and axis is None:
         return So3.random(n, device=torch.device(device), dtype=dtype).matrix()
     low, high = (0.0, 360.0) if degrees is None else degrees
@@ -85,7 +87,7 @@ def random_rotations(
     return axis_angle_to_rotation_matrix(angle * torch.nn.functional.normalize(along, dim=-1))
 
 
-class RandomProbeRotation(AugmentationBase2D):
+class RandomProbeRotation(DrawnInFloat32):
     """`rotate_probes` by random rotations, as a kornia augmentation of light probes (B, 3, H, 2 H).
 
     degrees, axis  see `random_rotations`; a number is an angle between -degrees and degrees
@@ -107,12 +109,7 @@ class RandomProbeRotation(AugmentationBase2D):
     ) -> None:
         """Check the range of angles and the axis."""
         super().__init__(p=p, same_on_batch=same_on_batch, keepdim=keepdim)
-        span = (-degrees, degrees) if isinstance(degrees, int | float) else degrees
-        if span is not None and not (len(span) == 2 and all(map(isfinite, span)) and span[0] <= span[1]):
-            raise ValueError(f"degrees must be an angle or a range (low, high) of them, got {degrees}")
-        if axis is not None and not (len(axis) == 3 and all(map(isfinite, axis)) and any(axis)):
-            raise ValueError(f"axis must be three finite numbers, not all zero, got {axis}")
-        axis = None if axis is None else tuple(axis)
+        span, axis = _checked(degrees, axis)
         self.flags = {"degrees": span, "axis": axis, "supersampling": supersampling, "keep_power": keep_power}
 
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
@@ -122,7 +119,6 @@ class RandomProbeRotation(AugmentationBase2D):
             self.flags["degrees"],
             self.flags["axis"],
             self.device,
-            self.dtype,
         )
         return {"rotation": drawn.expand(batch_shape[0], 3, 3)}
 
@@ -144,6 +140,18 @@ class RandomProbeRotation(AugmentationBase2D):
     ) -> Tensor:
         """Masks of probes that are not turned."""
         return input
+
+
+def _checked(
+    degrees: float | tuple[float, float] | None, axis: Sequence[float] | None
+) -> tuple[tuple[float, float] | None, tuple[float, ...] | None]:
+    """The range of angles and the axis; ValueError where they are none."""
+    span = (-degrees, degrees) if isinstance(degrees, int | float) else degrees
+    if span is not None and not (len(span) == 2 and all(map(isfinite, span)) and span[0] <= span[1]):
+        raise ValueError(f"degrees must be an angle or a range (low, high) of them, got {degrees}")
+    if axis is not None and not (len(axis) == 3 and all(map(isfinite, axis)) and any(axis)):
+        raise ValueError(f"axis must be three finite numbers, not all zero, got {axis}")
+    return span, None if axis is None else tuple(axis)
 
 
 def _power(radiance: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from kornia.augmentation import AugmentationBase2D, AugmentationSequential
 from kornia.constants import DataKey
@@ -18,6 +19,12 @@ from torch.utils.data import Dataset
 from torchbrdf.arguments import several
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import unpack
+
+_LEAST_TOTAL = 1e-12
+"""Of the shares that are kept, below which they say nothing of each other."""
+
+_LEAST_EVENNESS = 0.05
+"""Below it PyTorch's Dirichlet draws underflow: at 0.001 one in eight has equal shares."""
 
 Spoil = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """From images (B, 3, H, W) and masks (B, 1, H, W) bool to what the network gets, in the same shapes."""
@@ -45,8 +52,8 @@ class Blending:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.materials < 1:
-            raise ValueError(f"materials must be at least 1, got {self.materials}")
+        if self.materials < 1 or self.materials != int(self.materials):
+            raise ValueError(f"materials must be at least 1 and whole, got {self.materials}")
         if not self.evenness > 0:
             raise ValueError(f"evenness must be above 0, got {self.evenness}")
         for name in ("beyond", "brightness", "tint"):
@@ -92,8 +99,8 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
             if (one.library, one.names) != (first.library, first.names) or not torch.equal(one.mask, first.mask):
                 raise ValueError("basis images must share library and mask; render them for the same library and view")
         _check_keys(spoil)
-        if length < 1:
-            raise ValueError(f"length must be at least one sample, got {length}")
+        if length < 1 or length != int(length):
+            raise ValueError(f"length must be at least one sample and whole, got {length}")
         self.names, self.mask, self.lights = first.names, first.mask, len(lights)
         self.spoil, self.length, self.seed = spoil, length, seed
         self.blending = Blending() if blending is None else blending
@@ -117,11 +124,11 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         """Make other samples of the same indices, in running workers, too."""
         self._epoch.fill_(epoch)
 
-    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> dict[str, Tensor]:
-        """A sample, or a batch of samples for a slice, a list or a tensor of indices."""
+    def __getitem__(self, index: int | slice | Sequence[int] | Tensor | np.ndarray) -> dict[str, Tensor]:
+        """A sample, or a batch of samples for a slice, a list, a tensor or an array of indices."""
         if isinstance(index, slice):
             index = range(self.length)[index]
-        elif isinstance(index, Tensor):
+        elif isinstance(index, Tensor | np.ndarray):
             index = index.tolist()
         if isinstance(index, Sequence):
             return self._batch(index)
@@ -191,9 +198,7 @@ def random_materials(rows: Tensor, n_materials: int, light: Tensor, blending: Bl
     count, n = len(light), 3 * n_materials
     k = min(blending.materials, n_materials)
     chosen = torch.rand(count, n_materials, dtype=torch.float32).topk(k).indices
-    shares = torch.distributions.Dirichlet(torch.full((k,), blending.evenness, dtype=torch.float32)).sample((count,))
-    shares = shares * (torch.arange(k) < torch.randint(1, k + 1, (count, 1)))
-    shares = shares / shares.sum(1, keepdim=True).clamp_min(1e-12)
+    shares = _shares(count, k, blending.evenness)
     colours = torch.arange(3).expand(count, 3)
     if blending.swap_colours:
         colours = torch.rand(count, 3, dtype=torch.float32).argsort()
@@ -217,3 +222,18 @@ def random_materials(rows: Tensor, n_materials: int, light: Tensor, blending: Bl
     weights = torch.zeros(count, n, 3, dtype=torch.float32)
     weights.scatter_(1, column, extrapolated[:, :, None] * gain[:, None])
     return images * gain[:, :, None], weights
+
+
+def _shares(count: int, k: int, evenness: float) -> Tensor:
+    """(count, k) float32: Dirichlet shares of the first 1 to k, 0 for the others, from torch's global generator."""
+    shares = torch.distributions.Dirichlet(torch.full((k,), evenness, dtype=torch.float32)).sample((count,))
+    used = torch.arange(k) < torch.randint(1, k + 1, (count, 1))
+    total = (shares * used).sum(1, keepdim=True)
+    lost = (total < _LEAST_TOTAL)[:, 0] | (evenness < _LEAST_EVENNESS)
+    shares = shares * used / torch.where(lost[:, None], 1, total)
+    if bool(lost.any()):
+        # Shares do not depend on their total. log G(a) = log G(a + 1) + log(U) / a, far below what a float holds
+        like = torch.full((int(lost.sum()), k), evenness, dtype=torch.float64)
+        logarithms = torch._standard_gamma(like + 1).log() + torch.log1p(-torch.rand_like(like)) / like
+        shares[lost] = logarithms.masked_fill(~used[lost], -torch.inf).softmax(1).float()
+    return shares

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchbrdf.arguments import warn_of_lost_gradient
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, converted, luminance, write_image
-from torchbrdf.lasting import lasting_graph, without_autocast
+from torchbrdf.lasting import lasting, lasting_graph, without_autocast
 from torchbrdf.light._blur import blur
 from torchbrdf.light._picture import KNOWN, LAMPS_KEY, ROWS_KEY, LightPicture, check_proportions
 from torchbrdf.light._procedural import studio_room
@@ -188,6 +188,7 @@ class LightProbe:
         return self._radiance.device
 
     @cached_property
+    @lasting
     def solid_angles(self) -> Tensor:
         """(H, W) float64 in sr: the integral of each texel's bilinear hat; they sum to 4 pi.
 
@@ -310,6 +311,7 @@ class LightProbe:
         return f"LightProbe({self._name!r}, {self.height} x {self.width}, {span}{device})"
 
     @cached_property
+    @lasting
     def _importance(self) -> ImportanceTables:
         return ImportanceTables.build(self._radiance)
 

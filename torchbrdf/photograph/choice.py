@@ -49,7 +49,7 @@ def locate(
     window  the part of the photograph that was recorded; None for all
     number  of the ball, counted from 1, the largest; None for the largest
     A square photograph (or window) in which no other ball is seen is a crop to the ball, which fills it, unless one
-    value is all around a smaller one; one that is cut out along its inscribed circle is the ball, whatever is seen in it.
+    value is all around a smaller one; one cut out along its inscribed circle is the ball, whatever is seen in it.
     Warns where another ball than that may be meant, and where such a crop shows neither its rim nor empty corners.
     Raises ValueError where there is no ball, or none for certain; for two of like size without a number; for one of
     which more than a third is cut off, and for an outline that no sphere has before the camera.

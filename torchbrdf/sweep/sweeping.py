@@ -32,15 +32,18 @@ def sweep(
     scheduler  address of a Dask scheduler whose workers compute instead, such as tcp://node:8786. They need this
                torchbrdf, and must see the folder of the function's module and the tasks' `places` under the same paths
     progress   label of the bar
-    Raises ValueError where two tasks share a name, or the folder holds a result of other arguments, another function or
-    another version; what the function raises; ChildProcessError where processes are killed; ConnectionError without a
-    scheduler. After an error, or Ctrl-C, the same call goes on where it stopped.
+    Raises ValueError where two tasks share a name, or one is no name of a file, or the folder holds a result of other
+    arguments, another function or another version; what the function raises; ChildProcessError where processes are
+    killed; ConnectionError without a scheduler. After an error, or Ctrl-C, the same call goes on where it stopped.
     """
     names = [task.name for task in tasks]
     if len(set(names)) < len(names):
         raise ValueError(f"tasks must have different names; twice: {max(names, key=names.count)}")
     if processes < 1:
         raise ValueError(f"a sweep needs at least one process, got {processes}")
+    for name in names:
+        if not _is_name(name):
+            raise ValueError(f"tasks are named as files, with no path separator, NUL or empty name; got {name!r}")
     call, folder = Call.of(function), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     results: dict[str, Any] = {}
@@ -71,21 +74,36 @@ def _finished(call: Call, tasks: Sequence[Task], processes: int, scheduler: str 
     return in_processes(call, tasks, min(processes, len(tasks)))
 
 
-def _identity(call: Call, task: Task) -> dict[str, str]:
-    """What a result is of: the function, the version, and a hash of every argument."""
+def _is_name(name: str) -> bool:
+    """Whether NAME.json is a file of the folder itself, on every system."""
+    return name != "" and not set(name) & set("/\\\0")
+
+
+def _identity(call: Call, task: Task) -> dict[str, Any]:
+    """What a result is of: the function, the version, and under a key of their own a hash of every argument."""
     texts = {key: json.dumps(value, sort_keys=True) for key, value in task.arguments.items()}
     hashes = {key: hashlib.sha256(text.encode()).hexdigest()[:16] for key, text in texts.items()}
-    return {"function": f"{call.module}.{call.function}", "version": call.versions[0], **hashes}
+    return {"function": f"{call.module}.{call.function}", "version": call.versions[0], "arguments": hashes}
 
 
-def _stored(path: Path, identity: Mapping[str, str]) -> dict[str, Any] | None:
+def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """The keys under which two say different things."""
+    return [key for key in {**one, **other} if one.get(key) != other.get(key)]
+
+
+def _stored(path: Path, identity: Mapping[str, Any]) -> dict[str, Any] | None:
     """A finished result; None where there is none, or a damaged file."""
     try:
         found: dict[str, Any] = json.loads(path.read_text())
-        of = found["of"]
+        of = dict(found["of"])
     except (FileNotFoundError, ValueError, KeyError, TypeError):
         return None
-    changed = [key for key in {**identity, **of} if of.get(key) != identity.get(key)]
+    changed = _differing(identity, of)
     if changed:
-        raise ValueError(f"{path} holds the result of another {changed[0]}; choose another output folder")
+        what, theirs = f"another {changed[0]}", of.get("arguments")
+        if changed[0] == "arguments" and isinstance(theirs, dict):
+            what = f"another {_differing(identity['arguments'], theirs)[0]}"
+        elif changed[0] == "arguments":  # results of earlier versions hold the hashes beside the rest
+            what = "other arguments"
+        raise ValueError(f"{path} holds the result of {what}; choose another output folder")
     return found

@@ -20,7 +20,7 @@ Finished = Generator[tuple["Task", Any], None, None]
 class Task:
     """One call of the sweep's function, with `**arguments, **places`.
 
-    name       also of the file of its result
+    name       also of the file of its result, so without path separators
     arguments  all that the result depends on
     places     where things lie, such as paths of what `arguments` holds fingerprints of: they may change between runs
     """
@@ -46,11 +46,11 @@ class Call:
     @classmethod
     def of(cls, function: Callable[..., Any]) -> "Call":
         """Raises ValueError for a function that other processes cannot import by its name."""
-        module, name = function.__module__, function.__qualname__
-        if module == "__main__" or not name.isidentifier():
+        module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", repr(function))
+        source = getattr(sys.modules.get(str(module)), "__file__", None)
+        if module is None or module == "__main__" or source is None or not name.isidentifier():
             raise ValueError(f"a sweep needs a function of a module that can be imported, got {module}.{name}")
-        file = Path(str(sys.modules[module].__file__)).resolve()
-        return cls(module, name, str(file.parents[module.count(".")]), versions())
+        return cls(module, name, str(Path(source).resolve().parents[module.count(".")]), versions())
 
     def __call__(self, task: Task) -> Any:
         """The result of a task, in any process."""

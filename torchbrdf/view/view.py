@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from torchbrdf.lasting import lasting
 from torchbrdf.view.camera import Framing
 from torchbrdf.view.packing import masked_pixels, pack, unpack
 
@@ -56,6 +57,7 @@ class View(ABC):
         return self.mask.shape[-2], self.mask.shape[-1]
 
     @cached_property
+    @lasting
     def pixels(self) -> Tensor:
         """(P,) int64: flat indices of the pixels under the mask, row by row."""
         return masked_pixels(self.mask)
@@ -81,16 +83,19 @@ class View(ABC):
     def _identity(self) -> bytes: ...
 
     @cached_property
+    @lasting
     def normals(self) -> Tensor:
         """(3, H, W) unit normals at the centres of the pixels, 0 outside the mask."""
         return self.unpack(self._centres.normals[..., 0])
 
     @cached_property
+    @lasting
     def view_dirs(self) -> Tensor:
         """(3, H, W) unit vectors towards the camera at the centres of the pixels, 0 outside the mask."""
         return self.unpack(self._centres.view_dirs[..., 0])
 
     @cached_property
+    @lasting
     def _centres(self) -> SurfacePoints:
         centre = torch.full((len(self.pixels), 1), 0.5, dtype=torch.float32)
         return self.surface(self.pixels, centre, centre)

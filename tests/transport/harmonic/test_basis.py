@@ -1,6 +1,8 @@
 """Harmonic transport: closed forms, the sampled transport as an oracle, orientations, gradients, views, bad input."""
 
+import copy
 import math
+import pickle
 from collections.abc import Callable
 
 import pytest
@@ -539,3 +541,36 @@ def test_several_pictures_of_some_materials(library: MaterialLibrary) -> None:
     weights = torch.rand(1, some.n, 3, generator=torch.Generator().manual_seed(0))
     basis = HarmonicBasis(some, lamps(64), SPHERE)
     assert relative(basis.images_of(weights)[0], SPHERE.unpack(basis.image_at(weights[0]))) < 2e-3
+
+
+def test_copies_share_the_transport_and_pickles_open_it(library: MaterialLibrary) -> None:
+    basis = HarmonicBasis(library, probe_of(lambda d: 1 + d[..., 1]), SPHERE)
+    weights = torch.ones(basis.n, 3)
+    image = basis.image_at(weights)
+    copied, found = copy.deepcopy(basis), pickle.loads(pickle.dumps(basis))
+    assert copied.transport is basis.transport
+    for one in (copied, found):
+        torch.testing.assert_close(one.image_at(weights), image)
+
+
+class TestWhatUsersGive:
+    PROBE = probe_of(lambda d: 1 + d[..., 1])
+
+    def test_rotations_are_arrays_or_tensors(self, library: MaterialLibrary) -> None:
+        basis, rotation = HarmonicBasis(library, self.PROBE, SPHERE), turn(10, 20, 30)
+        weights = torch.ones(basis.n, 3)
+        for call in (basis.image_at, basis.change_at):
+            assert torch.equal(call(weights, rotation.numpy()), call(weights, rotation))
+        assert torch.equal(basis.basis_at(rotation.numpy()).packed, basis.basis_at(rotation).packed)
+
+    def test_some_columns_have_no_basis_images(self, library: MaterialLibrary) -> None:
+        basis = HarmonicBasis(library, self.PROBE, SPHERE, columns=[0, 1, 2])
+        with pytest.raises(ValueError, match=r"^this HarmonicBasis is of some columns, .*; use image_at$"):
+            basis.basis_at()
+        assert basis.image_at(torch.eye(3)).shape[0] == 3
+
+    @pytest.mark.parametrize("shape", [(15, 3), (0, 15, 3), (2, 14, 3), (2, 15, 1), (1, 2, 15, 3)])
+    def test_weights_of_no_images(self, library: MaterialLibrary, shape: tuple[int, ...]) -> None:
+        basis = HarmonicBasis(library, self.PROBE, SPHERE)
+        with pytest.raises(ValueError, match=r"^weights must be \(K, n, 3\) = \(K, 15, 3\) of at least one"):
+            basis.images_of(torch.ones(shape))

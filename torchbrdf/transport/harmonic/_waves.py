@@ -6,6 +6,7 @@ from math import pi
 import torch
 from torch import Tensor
 
+from torchbrdf.lasting import lasting
 from torchbrdf.transport.harmonic.grid import Zone
 from torchbrdf.transport.harmonic.splines import SUPPORT
 
@@ -14,6 +15,7 @@ PLACES = 4
 
 
 @lru_cache(maxsize=512)
+@lasting
 def waves(zone: Zone, line: int, frequencies: int | None = None) -> tuple[Tensor, Tensor]:
     """(M, line) each: cosines and sines at nodes, of which the first lies one place before delta = 0.
 

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, overload
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -60,17 +62,27 @@ class HarmonicBasis:
         whole = columns is None and library.materials == tuple(range(len(library.stored.names)))
         self._columns = None if whole else library.column_index.to(self.transport.device)[self.columns]
 
-    def basis_at(self, rotation: Tensor | None = None) -> BasisImages:
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles hold no transport, which is the library's."""
+        return {name: value for name, value in vars(self).items() if name != "transport"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Open the transport of the library."""
+        vars(self).update(state)
+        self.transport = transport_of(self.library, False, in_perspective(self.view))
+
+    def basis_at(self, rotation: Tensor | np.ndarray | None = None) -> BasisImages:
         """The basis images under the probe turned by a rotation (3, 3), as `LightProbe.rotated` turns it.
 
         Radiance is looked up in turned directions, not resampled as in a rotated probe; a turn about the view axis is a
         phase. Differentiable in the probe's radiance and in the rotation; one backward pass for each `HarmonicBasis`
         of a radiance that requires gradients. The images say that they are of the probe as it is where rotation is
-        None, else of no probe in particular. Raises ValueError where rotation is none.
+        None, else of no probe in particular. Raises ValueError where rotation is none, or where only some
+        columns are wanted.
         """
-        if rotation is not None:
-            rotation = torch.as_tensor(rotation)
-            checked_rotation(rotation)
+        if self.columns != slice(None):
+            raise ValueError("this HarmonicBasis is of some columns, no basis images of a library; use image_at")
+        rotation = _turn(rotation)
         return self.named(self.packed_at(rotation), rotation)
 
     @without_autocast
@@ -87,7 +99,7 @@ class HarmonicBasis:
 
     @without_autocast
     def packed_at_each(self, rotations: Sequence[Tensor]) -> list[Tensor]:
-        """(n, 3, P) of each, as `packed_at`; where columns are few in half the time, as rotations share passes."""
+        """(n, 3, P) of each, as `packed_at`; of few columns in half the time, as rotations share passes."""
         if self.n > _FEW:
             return [self.packed_at(rotation) for rotation in rotations]
         weights = self._whole(torch.eye(self.n, dtype=torch.float32, device=self.transport.device))
@@ -106,13 +118,13 @@ class HarmonicBasis:
         return replace(basis, probe=f"{self.probe.fingerprint} turned by {turn}")
 
     @without_autocast
-    def image_at(self, weights: Tensor, rotation: Tensor | None = None) -> Tensor:
+    def image_at(self, weights: Tensor, rotation: Tensor | np.ndarray | None = None) -> Tensor:
         """(3, P): Y w under the turned probe, for weights (n, 3), without the other basis images.
 
         Raises ValueError for other weights, or where rotation is none.
         """
-        self._check(weights, rotation)
-        return self._images(self._light_at(rotation), weights)[0]
+        self._check(weights)
+        return self._images(self._light_at(_turn(rotation)), weights)[0]
 
     @without_autocast
     def images_of(self, weights: Tensor) -> Tensor:
@@ -121,22 +133,24 @@ class HarmonicBasis:
         Of an orthographic camera as fast as a few of `image_at`, and with nothing prepared for the view.
         Raises ValueError for other weights.
         """
-        for each in weights:
-            self._check(each, None)
+        if weights.ndim != 3 or weights.shape[1:] != (self.n, 3) or not len(weights):
+            raise ValueError(
+                f"weights must be (K, n, 3) = (K, {self.n}, 3) of at least one image, got {tuple(weights.shape)}"
+            )
         if in_perspective(self.view):
             return self.view.unpack(torch.stack([self.image_at(each) for each in weights]))
         whole = self._whole(weights)
         return self.view.unpack(self.transport.pictured(self._light_at(None), self._facing, whole))
 
     @without_autocast
-    def change_at(self, weights: Tensor, rotation: Tensor) -> Tensor:
+    def change_at(self, weights: Tensor, rotation: Tensor | np.ndarray) -> Tensor:
         """(3, 3, P): how `image_at` changes with further turns about +X, +Y and +Z, per radian.
 
         An image is linear in the light, so one shows how it changes. Raises ValueError for other weights, or where
         rotation is none.
         """
-        self._check(weights, rotation)
-        change = self._images(self._light.changes(self._in_frame(rotation.double())), weights)
+        self._check(weights)
+        change = self._images(self._light.changes(self._in_frame(_turn(rotation).double())), weights)
         return change if self._frame is None else torch.einsum("ij,jcp->icp", self._frame.to(change), change)
 
     def _light_at(self, rotation: Tensor | None) -> LightHarmonics:
@@ -148,14 +162,12 @@ class HarmonicBasis:
     def _in_frame(self, rotation: Tensor) -> Tensor:
         return rotation if self._frame is None else self._frame.T.to(rotation) @ rotation
 
-    def _check(self, weights: Tensor, rotation: Tensor | None) -> None:
+    def _check(self, weights: Tensor) -> None:
         if weights.shape != (self.n, 3):
             raise ValueError(
                 f"weights must be (n, 3) = ({self.n}, 3), a column for each channel of the image, "
                 f"got {tuple(weights.shape)}"
             )
-        if rotation is not None:
-            checked_rotation(rotation)
 
     def _images(self, light: LightHarmonics, weights: Tensor) -> Tensor:
         """(K, 3, P): Y w under K lights."""
@@ -169,3 +181,15 @@ class HarmonicBasis:
         whole = weights.new_zeros(*weights.shape[:-2], len(self.transport.groups[0].mixing), weights.shape[-1])
         whole[..., self._columns, :] = weights
         return whole
+
+
+@overload
+def _turn(rotation: Tensor | np.ndarray) -> Tensor: ...
+@overload
+def _turn(rotation: Tensor | np.ndarray | None) -> Tensor | None: ...
+def _turn(rotation: Tensor | np.ndarray | None) -> Tensor | None:
+    """A rotation (3, 3) with its graph; ValueError for any other matrix."""
+    if rotation is None:
+        return None
+    checked_rotation(rotation)
+    return torch.as_tensor(rotation)

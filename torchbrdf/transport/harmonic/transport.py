@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import pi
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -42,6 +43,10 @@ class HarmonicTransport:
     groups: tuple[Kernels, ...]
     added: tuple[Kernels, ...] = ()
     _lookups: LastFew[str, RingLookup] = field(default_factory=lambda: LastFew(4), repr=False)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "HarmonicTransport":
+        """The same: kernels are of a mapped file, and not to be written to."""
+        return self
 
     def __repr__(self) -> str:
         """Size."""
