@@ -5,6 +5,7 @@ significant bits (relative error at most 2^-11 = 4.9e-4) down to 2^-25 of the pe
 lock in a temporary folder and renamed, so what carries the final name is finished.
 """
 
+import copyreg
 import json
 import mmap
 import shutil
@@ -134,13 +135,23 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
     return manifest if sound and size == 2 * N_CELLS * 3 * len(manifest["names"]) else None
 
 
-def reopened(folder: Path, fingerprint: str) -> StoredColumns:
+def _pickled(stored: StoredColumns) -> str | tuple[Any, ...]:
+    """In a pickle: where what is mapped lies, and which library that is; what is in memory as it is."""
+    if stored.mapping is None or stored.folder is None:
+        return stored.__reduce_ex__(2)
+    return _reopened, (stored.folder, stored.fingerprint)
+
+
+def _reopened(folder: Path, fingerprint: str) -> StoredColumns:
     """What a pickle of a mapped library stands for; ValueError where its cache is gone or holds another library."""
     manifest = _manifest(folder)
     if manifest is None or manifest["fingerprint"] != fingerprint:
         why = "is gone" if manifest is None else "holds another library by now"
         raise ValueError(f"{folder}: the cache of a pickled library {why}; open the library anew, and pickle it again")
     return _open(folder)
+
+
+copyreg.pickle(StoredColumns, _pickled)
 
 
 def _open(folder: Path) -> StoredColumns:

@@ -5,7 +5,7 @@ import mmap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, SupportsIndex
+from typing import Any
 
 import numpy as np
 import torch
@@ -47,8 +47,7 @@ class StoredColumns:
     parts        the earlier libraries from which columns were taken, and what came new; () where all is new
     folder       of the cache that is mapped, None where all is in memory
 
-    Not to be written to: a deep copy is the same object, a pickle of what is mapped says where it lies and is opened
-    from there.
+    Not to be written to: a deep copy is the same object. What a pickle of what is mapped holds, `library_cache` says.
     """
 
     names: tuple[str, ...]
@@ -67,14 +66,6 @@ class StoredColumns:
     def __deepcopy__(self, memo: dict[int, Any]) -> "StoredColumns":
         """The same, mapped once."""
         return self
-
-    def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
-        """See the class."""
-        if self.mapping is None or self.folder is None:
-            return super().__reduce_ex__(protocol)
-        from torchbrdf.brdf.library_cache import reopened
-
-        return reopened, (self.folder, self.fingerprint)
 
     def prefetch(self) -> None:
         """Ask the system to read the columns ahead: page by page, as a first gather would, takes far longer."""

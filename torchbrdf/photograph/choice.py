@@ -71,9 +71,9 @@ def locate(
         if not any(_beyond_doubt(ball) for ball in others):
             if smaller is None:
                 _doubt(others, fills(image, usable, crop))
-            seen = smaller or crop
+            shown = smaller or crop
             told = f"as large as {what}" if smaller is None else f"before one value, which is all else in {what}"
-            return seen if camera is None else Ball.of_circle(camera, *seen.circle), told
+            return shown if camera is None else Ball.of_circle(camera, *shown.circle), told
     if camera is not None:
         _check_camera(max((ball.score for ball in found), default=0.0), pyramid, camera)
     if not balls:
