@@ -25,6 +25,7 @@ from torchbrdf.transport.harmonic.cache import transport_of
 from turns import turn_about
 
 TURN = turn_about((1, 2, -0.5), 25)
+ASIDE = (0.3, 0.2, -1.0)
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,13 @@ CALLS: dict[str, Callable[[Capture], Tensor]] = {
     "sampled": lambda of: of.probe.sample(torch.full((4, 2), 0.3))[0],
     "pdf": lambda of: of.probe.pdf(tb.SphereView(16).normals[:, 8, 8]),
     "view": lambda of: tb.SphereView(16).normals,
+    "view, off the axis": lambda of: tb.SphereView(16, 15, ASIDE).normals,
+    "view_dirs, off the axis": lambda of: tb.SphereView(16, 15, ASIDE).view_dirs,
     "render": lambda of: tb.render(of.table, of.probe, tb.SphereView(16)),
     "render, sampled": lambda of: tb.render(of.table, of.probe, tb.SphereView(16), samples=64),
+    "render, sampled, off the axis": lambda of: tb.render(
+        of.table, of.probe, tb.SphereView(16, 15, ASIDE), samples=64
+    ),
     "render_basis": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16)).packed,
     "render_basis, sampled": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16), samples=64).packed,
     "basis_at": lambda of: HarmonicBasis(of.library, of.probe, of.view).basis_at(TURN).packed,
