@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.images.settings import ColourSpace
+from torchbrdf.lasting import without_autocast
 
 _SAME = 3e-3
 """Conversions closer than this to none are none: files round chromaticities to three digits, D65 varies in the fourth,
@@ -89,6 +90,7 @@ def conversion(source: Primaries, target: Primaries) -> np.ndarray:
     return np.linalg.solve(target.to_xyz(), adapted @ source.to_xyz())
 
 
+@without_autocast
 def converted(image: Tensor, source: ColourSpace, target: ColourSpace) -> Tensor:
     """(3, ...) linear RGB of one space in another; see `conversion`."""
     if source == target:
