@@ -18,13 +18,16 @@ import torchbrdf as tb
 from coarse_grids import COARSE, computed_on
 from paths import ROOT
 from torchbrdf.alignment import LearnedRotation
+from torchbrdf.images import converted
 from torchbrdf.lasting import without_autocast
+from torchbrdf.learning import RandomProbeRotation, ReflectanceMaps, mask_reflection, rotate_probes
 from torchbrdf.light._procedural import studio_room
 from torchbrdf.transport.harmonic import HarmonicBasis
 from torchbrdf.transport.harmonic.cache import transport_of
 from turns import turn_about
 
 TURN = turn_about((1, 2, -0.5), 25)
+ASIDE = (0.3, 0.2, -1.0)
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,19 @@ CALLS: dict[str, Callable[[Capture], Tensor]] = {
     "blurred": lambda of: of.probe.blurred(5).radiance,
     "sampled": lambda of: of.probe.sample(torch.full((4, 2), 0.3))[0],
     "pdf": lambda of: of.probe.pdf(tb.SphereView(16).normals[:, 8, 8]),
+    "converted": lambda of: converted(of.probe.radiance, "rec709", "rec2020"),
+    "rotate_probes": lambda of: rotate_probes(of.probe.radiance, TURN),
+    "RandomProbeRotation": lambda of: RandomProbeRotation()(of.probe.radiance[None], params={"rotation": TURN[None]}),
+    "mask_reflection": lambda of: mask_reflection(tb.SphereView(64), 20, (0.3, 0.2, 1)),
+    "ReflectanceMaps": lambda of: ReflectanceMaps(of.basis)[:5]["clean"],
     "view": lambda of: tb.SphereView(16).normals,
+    "view, off the axis": lambda of: tb.SphereView(16, 15, ASIDE).normals,
+    "view_dirs, off the axis": lambda of: tb.SphereView(16, 15, ASIDE).view_dirs,
     "render": lambda of: tb.render(of.table, of.probe, tb.SphereView(16)),
     "render, sampled": lambda of: tb.render(of.table, of.probe, tb.SphereView(16), samples=64),
+    "render, sampled, off the axis": lambda of: tb.render(
+        of.table, of.probe, tb.SphereView(16, 15, ASIDE), samples=64
+    ),
     "render_basis": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16)).packed,
     "render_basis, sampled": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16), samples=64).packed,
     "basis_at": lambda of: HarmonicBasis(of.library, of.probe, of.view).basis_at(TURN).packed,

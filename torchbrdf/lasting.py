@@ -35,7 +35,7 @@ def without_autocast(make: Callable[Arguments, Made]) -> Callable[Arguments, Mad
     return exact
 
 
-def lasting(make: Callable[..., Made]) -> Callable[..., Made]:
+def lasting(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
     """What is made once enters graphs later, even where it is first needed in `torch.inference_mode`.
 
     Nor is it coarser for all that come later where it is first needed in `torch.autocast`.

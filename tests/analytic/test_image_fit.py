@@ -171,6 +171,18 @@ def test_within_other_code(photograph: Tensor, transport: CellTransport, method:
 
 
 @pytest.mark.parametrize("method", ["least-squares", "adam"])
+def test_in_inference_mode(photograph: Tensor, method: str):
+    """Also with a transport that was made there, and a photograph; outside it serves gradients after."""
+    settings = {"start": NEAR, "method": method, "most_evaluations": 4}
+    with torch.inference_mode():
+        transport = CellTransport.build(PROBE, VIEW, samples=64)
+        within = fit_analytic_to_image(photograph.clone(), PROBE, VIEW, transport=transport, **settings)
+    alone = fit_analytic_to_image(photograph, PROBE, VIEW, transport=transport, **settings)
+    for name, value in alone.parameters.items():
+        assert torch.equal(within.parameters[name], value)
+
+
+@pytest.mark.parametrize("method", ["least-squares", "adam"])
 def test_failure_to_converge_is_said(photograph: Tensor, transport: CellTransport, method: str):
     fit = fit_analytic_to_image(
         photograph, PROBE, VIEW, start=NEAR, method=method, transport=transport, most_evaluations=1

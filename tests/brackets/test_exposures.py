@@ -61,6 +61,11 @@ def test_apertures_round_too():
             r"^b\.jpg: says no ISO speed \(EXIF\), and others of the set do",
         ),
         ([Shooting(0.1), Shooting(0.2, 8.0)], None, r"^a\.jpg: says no f-number"),
+        ([Shooting(0.1), Shooting(0.0)], None, r"^b\.jpg: an exposure time of 0 s; give .*, above 0, .*--times$"),
+        ([Shooting(), Shooting()], [0.0, 0.1], r"^a\.jpg: an exposure time of 0 s; give .*, above 0, .*--times$"),
+        ([Shooting(), Shooting()], [0.1, -0.002], r"^b\.jpg: an exposure time of -0\.002 s; give"),
+        ([Shooting(), Shooting()], [0.1, float("nan")], r"^b\.jpg: an exposure time of nan s; give"),
+        ([Shooting(), Shooting()], [float("inf"), 0.1], r"^a\.jpg: an exposure time of inf s; give"),
     ],
 )
 def test_what_is_no_bracket(shootings, times, message):

@@ -24,6 +24,15 @@ def random_pairs(n: int, seed: int = 0, lowest: float = 0.02) -> tuple[Tensor, T
     return d[0], d[1]
 
 
+@pytest.mark.parametrize("shape", [(3, 5), (4,)])
+def test_vectors_that_are_no_x_y_z_are_refused(shape: tuple[int, ...]):
+    up, odd = torch.tensor([0.0, 0.0, 1.0]), torch.ones(shape)
+    with pytest.raises(ValueError, match=r"^w_i must be \(\.\.\., 3\), got "):
+        half_difference(odd, up)
+    with pytest.raises(ValueError, match=r"^w_o must be \(\.\.\., 3\), got "):
+        half_difference(up, odd)
+
+
 def about_normal(d: Tensor, angle: float) -> Tensor:
     c, s = cos(angle), sin(angle)
     return torch.stack([c * d[..., 0] - s * d[..., 1], s * d[..., 0] + c * d[..., 1], d[..., 2]], dim=-1)

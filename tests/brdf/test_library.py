@@ -308,6 +308,17 @@ class TestCombine:
             assert torch.equal(table.valid, alone.valid)
             assert torch.allclose(table.values, alone.values, rtol=1e-5, atol=1e-7)
 
+    def test_no_weight_is_black(self, tiny_library: MaterialLibrary):
+        """So is the result of a photograph that is below 0 everywhere, under the constraint "nonnegative"."""
+        table = tiny_library.combine(torch.zeros(30, 3))
+        assert table.measured_share == 1
+        assert not table.values.any()
+        assert not table.filled.any()
+        assert table.values.dtype == tiny_library.combine(self.weights(30, 0)).values.dtype
+
+    def test_no_weights_are_no_tables(self, tiny_library: MaterialLibrary):
+        assert tiny_library.combine_each(torch.zeros(0, 30, 3), []) == []
+
     def test_a_name_for_every_set(self, tiny_library: MaterialLibrary):
         with pytest.raises(ValueError, match=r"must be \(1, 30, 3\) for these names and this library, got \(2,"):
             tiny_library.combine_each(torch.zeros(2, 30, 3), ["a"])

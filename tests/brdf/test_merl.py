@@ -1,5 +1,6 @@
 import itertools
 import math
+import re
 from math import pi
 from pathlib import Path
 
@@ -383,6 +384,23 @@ class TestLookup:
             assert float(opened.lookup(up, up, interpolation).min()) > 0
             for pair in ((up, down), (down, up), (down, down), (down, -down), (up, -up)):
                 assert float(opened.lookup(*pair, interpolation).abs().max()) == 0
+
+    @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
+    @pytest.mark.parametrize("axis", [0, 2])
+    def test_nan_of_a_direction_that_is_not_known(self, opened: MerlTable, interpolation: str, axis: int):
+        up, off = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.0, 0.0, 1.0])
+        off[axis] = torch.nan
+        for w_i, w_o in ((up, off), (off, up)):
+            assert opened.lookup(w_i, w_o, interpolation).isnan().all()
+
+    @pytest.mark.parametrize("interpolation", ["nearest", "linear"])
+    @pytest.mark.parametrize("shape", [(3, 5), (4,), (2,), (5, 1)])
+    def test_component_first_vectors_are_refused(self, opened: MerlTable, interpolation: str, shape: tuple[int, ...]):
+        odd, up = torch.ones(shape), torch.tensor([0.0, 0.0, 1.0])
+        with pytest.raises(ValueError, match=rf"^w_i must be \(\.\.\., 3\), got {re.escape(str(shape))}$"):
+            opened.lookup(odd, up, interpolation)
+        with pytest.raises(ValueError, match=r"^w_o must be "):
+            opened.lookup(up, odd, interpolation)
 
     def test_linear_equals_nearest_at_the_centres(self, opened: MerlTable):
         for h, d, p in visible_cells(300, 10):

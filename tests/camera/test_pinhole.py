@@ -49,6 +49,13 @@ def test_places_are_those_of_opencv(lens: tuple[float, ...], principal: tuple[fl
     assert torch.allclose(camera.project(3 * rays), places(), atol=1e-6)
 
 
+def test_a_lens_in_inference_mode():
+    alone = PinholeCamera.of_fov(SIZE, 50, None, LENS).rays(places())
+    with torch.inference_mode():
+        within = PinholeCamera.of_fov(SIZE, 50, None, LENS).rays(places())
+    assert torch.equal(within, alone)
+
+
 def test_a_sensor_spans_the_longer_side():
     for size in (SIZE, SIZE[::-1]):
         assert PinholeCamera.of_focal(size, 50, 36).focal == 72 * 50 / 36

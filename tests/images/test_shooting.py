@@ -91,6 +91,11 @@ def test_zero_is_unknown_and_apex_values_serve(tmp_path):
     assert (found.time_s, found.f_number, found.focal_35mm_mm, found.iso) == (1 / 64, None, None, 102400.0)
 
 
+def test_apex_values_that_stand_for_no_positive_number_are_unknown(tmp_path):
+    found = read_shooting(jpeg(tmp_path / "a.jpg", {0x9201: 2000.0, 0x9202: -3000.0}))
+    assert (found.time_s, found.f_number) == (None, None)
+
+
 def test_the_size_is_that_of_the_upright_picture(tmp_path):
     assert read_shooting(jpeg(tmp_path / "a.jpg", orientation=6)).size == (30, 20)
 

@@ -691,6 +691,17 @@ def test_bad_shapes_of_directions_and_points():
         probe.sample(torch.ones(7))
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_directions_and_points_that_are_not_finite(value: float):
+    probe = LightProbe.default(8)
+    directions = torch.tensor([[0.0, 0.0, 1.0], [value, 0.0, 1.0]])
+    for asked in (probe.radiance_at, probe.pdf):
+        with pytest.raises(ValueError, match=r"^directions must be finite, got NaN or infinity in \(2, 3\); leave"):
+            asked(directions)
+    with pytest.raises(ValueError, match=r"^u must be finite, got "):
+        probe.sample(directions[:, :2])
+
+
 @needs_probes
 @pytest.mark.filterwarnings("ignore:light probe:UserWarning")
 def test_a_probe_file_with_invalid_texels():

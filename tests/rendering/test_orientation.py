@@ -13,9 +13,10 @@ import torch
 
 import torchbrdf as tb
 from materials import TINY_MATERIALS
-from torchbrdf import Camera, MeshView, sweep
+from torchbrdf import Camera, MeshView
 from torchbrdf.images.difference import relative_rms
 from torchbrdf.mitsuba_backend.scenes import MitsubaScene, light
+from torchbrdf.threads import one_thread
 
 HEIGHT, WIDTH = 24, 48
 TEXELS = [(5, 9), (14, 3), (8, 30), (17, 41), (3, 20), (11, 0), (12, 47), (0, 7), (23, 33)]
@@ -125,7 +126,7 @@ def steel() -> tb.MerlTable:
 @pytest.fixture
 def one_thread() -> Iterator[None]:
     """The threads of torch would wait for work by spinning, beside those of Mitsuba."""
-    with sweep.one_thread():
+    with one_thread():
         yield
 
 

@@ -137,6 +137,16 @@ def test_tables_that_gradients_are_wanted_of(tables, tmp_path):
     assert "learned" in (tmp_path / "page.html").read_text()
 
 
+def test_where_the_default_type_is_float64(tables, tmp_path):
+    torch.set_default_dtype(torch.float64)
+    try:
+        comparison = Comparison.of(tables, LightProbe.default(16), size=8, samples=8)
+        write_comparison(tmp_path / "page.html", comparison)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert "</html>" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
 def test_the_albedo_of_equal_tables_that_do_not_differ():
     white = MerlTable.from_function(lambert(0.8, 0.8, 0.74), "white")
     found = compared([white, white])

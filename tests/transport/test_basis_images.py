@@ -64,6 +64,15 @@ class TestContents:
         assert left.packed[:, 0, 0].tolist() == [300, 400, 500]
         assert basis.names == ("a", "b")
 
+    def test_no_names_and_one_twice(self):
+        for use in (lambda b: b.subset([]), lambda b: b.without("a", "b")):
+            with pytest.raises(ValueError, match=r"^basis images need at least one material, got none$"):
+                use(small())
+        with pytest.raises(ValueError, match=r"^materials must have different names; twice or more: a$"):
+            small().subset(["a", "b", "a"])
+        assert small().without("a", "a").names == ("b",)
+        assert small().without().names == ("a", "b")
+
     def test_unknown_names(self):
         for use in (lambda b: b.subset(["a", "c"]), lambda b: b.without("c"), lambda b: b.image("c")):
             with pytest.raises(ValueError, match="no material 'c' among these 2 basis images"):

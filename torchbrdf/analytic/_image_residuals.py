@@ -14,6 +14,7 @@ from torch import Tensor
 from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.cell_transport import CellTransport
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
+from torchbrdf.lasting import lasting
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class ImageResiduals:
     roots: Tensor
 
     @classmethod
+    @lasting
     def of_image(cls, image: Tensor, transport: CellTransport, mask: Tensor | None = None) -> "ImageResiduals":
         """To a photograph (3, H, W), where the mask (1, H, W) is True."""
         view = transport.view

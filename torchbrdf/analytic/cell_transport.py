@@ -18,6 +18,7 @@ from torchbrdf.analytic.catalogue import model_of
 from torchbrdf.analytic.shading_geometry import ShadingGeometry
 from torchbrdf.arguments import check_types
 from torchbrdf.brdf import GRID, N_CELLS, MerlTable, above_horizon, cell_centres, mirrored_cells, nearest_measured
+from torchbrdf.lasting import lasting
 from torchbrdf.light import LightProbe
 from torchbrdf.transport import plan_transport
 from torchbrdf.view import View
@@ -53,6 +54,7 @@ class CellTransport:
     probe: str
 
     @classmethod
+    @lasting
     def build(cls, probe: LightProbe, view: View, samples: int = SAMPLES, seed: int = 0) -> "CellTransport":
         """Draw the samples and sum them by cell; reciprocal BRDFs only, as phi_d is folded."""
         from scipy.sparse import coo_array

@@ -54,7 +54,7 @@ def merge(
     """Merge exposures of one scene by one camera.
 
     paths      two or more files, in any order: JPEG, PNG, TIFF, OpenEXR, or camera RAW (with rawpy)
-    times      exposure times in seconds, in the order of the files; None for those that the files say (EXIF)
+    times      exposure times in seconds above 0, in the order of the files; None for those that the files say (EXIF)
     response   what the camera made of radiance; None for what the files say where their exposures agree under it, else
                estimated
     like       a picture merged before, by the same camera: its response, white balance of camera RAW, and primaries

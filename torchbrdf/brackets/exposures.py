@@ -33,13 +33,19 @@ class Exposures:
     def of(cls, paths: Sequence[Path], shootings: Sequence[Shooting], times: Sequence[float] | None) -> Exposures:
         """From EXIF data, or from times given in their place.
 
-        Raises ValueError where they are missing, do not go together, or are all the same.
+        Raises ValueError where they are missing, are no times, do not go together, or are all the same.
         """
         if times is not None and len(times) != len(paths):
             raise ValueError(
                 f"--times needs one for every file, in their order: got {len(times)} for {len(paths)} files"
             )
         found = list(times) if times is not None else [_needed(*pair) for pair in zip(paths, shootings, strict=True)]
+        for path, time in zip(paths, found, strict=True):
+            if not 0 < time < float("inf"):
+                raise ValueError(
+                    f"{path}: an exposure time of {time:g} s; give the seconds of all files, above 0, in their order: "
+                    "--times"
+                )
         isos = _common("ISO speed", paths, [one.iso for one in shootings])
         apertures = _common("f-number", paths, [one.f_number for one in shootings])
         said = _products(found, isos, apertures)

@@ -15,7 +15,10 @@ from .directions import (
 )
 from .gram import lower_gram as lower_gram
 from .library import MaterialLibrary as MaterialLibrary
-from .members import position_among as position_among
+from .members import (
+    check_different as check_different,
+    position_among as position_among,
+)
 from .merl import (
     MerlTable as MerlTable,
     linear_lookups as linear_lookups,

@@ -23,6 +23,8 @@ def combined(stored: StoredColumns, columns: Tensor, weights: Tensor, keep: bool
     weights  (K, c, 3)  float64
     keep     see `StoredColumns.blocks`
     """
+    if not len(columns):
+        return [torch.zeros(N_CELLS, 3, dtype=torch.float32) for _ in weights]
     device, n = stored.columns.device, stored.columns.shape[1]
     scaled = (weights * stored.scale[columns, None]).permute(0, 2, 1).flatten(0, 1)
     gathered = _SPARSE * len(columns) < n

@@ -8,6 +8,8 @@ radians: theta_h, theta_d in [0, pi/2], phi_d in (-pi, pi]. An isotropic BRDF do
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import check_last
+
 
 def half_difference(w_i: Tensor, w_o: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """theta_h, theta_d, phi_d of direction pairs.
@@ -16,8 +18,10 @@ def half_difference(w_i: Tensor, w_o: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     returns   three tensors (...)
 
     Arcs of small angles come from atan2 of a sine and a cosine: acos(n.h) in float32 is one MERL cell
-    wrong near theta_h = 0. Source: [Rus98, sec. 3], [MPBM03].
+    wrong near theta_h = 0. Raises ValueError where the last axis is no x, y, z. Source: [Rus98, sec. 3], [MPBM03].
     """
+    check_last(w_i, 3, "w_i")
+    check_last(w_o, 3, "w_o")
     both = w_i + w_o
     length = _length(both)
     h = both / length.clamp_min(1e-20)[..., None]

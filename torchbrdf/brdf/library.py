@@ -15,7 +15,7 @@ from torchbrdf.brdf._combination import combined
 from torchbrdf.brdf._library_building import build_in_memory
 from torchbrdf.brdf.column_sources import EmbeddedSource, MerlSource, StampedSource, TableSource
 from torchbrdf.brdf.library_cache import MIXTURE, open_or_build
-from torchbrdf.brdf.members import Member, as_list, library_members, position_among
+from torchbrdf.brdf.members import Member, as_list, check_different, library_members, position_among
 from torchbrdf.brdf.merl import MerlTable
 from torchbrdf.brdf.merl_directory import table_paths
 from torchbrdf.brdf.merl_grid import GRID, N_CELLS, above_horizon
@@ -179,7 +179,7 @@ class MaterialLibrary:
 
     @classmethod
     def _whole(cls, stored: StoredColumns) -> "MaterialLibrary":
-        _check_different(stored.names)
+        check_different(stored.names)
         return cls(stored, tuple(range(len(stored.names))))
 
     def __repr__(self) -> str:
@@ -233,7 +233,7 @@ class MaterialLibrary:
         """The library of some materials only, in the order given; shares the cache."""
         if not names:
             raise ValueError("a library needs at least one material, got none")
-        _check_different(names)
+        check_different(names)
         return replace(self, materials=tuple(self.materials[self.position(name)] for name in names))
 
     def table(self, name: str) -> MerlTable:
@@ -247,8 +247,8 @@ class MaterialLibrary:
         """The table rho = B w [CBP21, eq. 1], cells below zero set to zero.
 
         weights  (n, 3)  one column a colour channel of the result
-        A cell counts as measured where every material with a weight measured it. No gradient flows through it, of which
-        it warns; for a loss under other light use `BasisImages.render`.
+        A cell counts as measured where every material with a weight measured it; without any weight f_r is 0. No
+        gradient flows through it, of which it warns; for a loss under other light use `BasisImages.render`.
         """
         if weights.shape != (self.n, 3):
             raise ValueError(f"weights must be ({self.n}, 3) for this library, got {tuple(weights.shape)}")
@@ -324,9 +324,3 @@ def _is_plain(members: Sequence[Member]) -> bool:
 def _check_enough(count: int, where: str, remedy: str) -> None:
     if count < MIN_MATERIALS:
         raise ValueError(f"{where}: a library needs at least {MIN_MATERIALS} materials, found {count}; {remedy}")
-
-
-def _check_different(names: Sequence[str]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"materials must have different names; twice or more: {', '.join(twice)}")

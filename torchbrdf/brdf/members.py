@@ -45,6 +45,13 @@ def position_among(names: Sequence[str], name: str, where: str) -> int:
     return names.index(name)
 
 
+def check_different(names: Sequence[str]) -> None:
+    """Raise ValueError where two materials have the same name."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"materials must have different names; twice or more: {', '.join(twice)}")
+
+
 def library_members(
     sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], embedded: Sequence[str] = ()
 ) -> list[Member]:

@@ -248,30 +248,32 @@ class MerlTable:
         return self.values.reshape(N_CELLS, 3)[nearest_measured(self.valid).to(self.values.device)]
 
     def lookup(self, w_i: Tensor, w_o: Tensor, interpolation: Interpolation = "nearest") -> Tensor:
-        """f_r of direction pairs; 0 where a direction lies below the horizon.
+        """f_r of direction pairs; 0 where a direction lies below the horizon, NaN where one is NaN.
 
         w_i, w_o       (..., 3)  unit vectors in the local frame (normal +Z)
         interpolation  "nearest" cell, as MERL's own code, or "linear" in the three warped coordinates
         returns        (..., 3)  1/sr, in the precision of w_i
+        Raises ValueError for directions that are not (..., 3), or another interpolation.
         """
         if interpolation == "linear":
             return linear_lookups([self], w_i, w_o)[0]
         if interpolation != "nearest":
             raise ValueError(f'interpolation must be "nearest" or "linear", got {interpolation!r}')
-        w_i, w_o = torch.broadcast_tensors(w_i, w_o)
-        return _where_visible(self.filled[cell_index(*half_difference(w_i, w_o)).long()], w_i, w_o)
+        angles = half_difference(w_i, w_o)
+        return _where_visible(self.filled[cell_index(*angles).long()], w_i, w_o, angles[1])
 
 
 def linear_lookups(tables: Sequence[MerlTable], w_i: Tensor, w_o: Tensor) -> list[Tensor]:
     """`MerlTable.lookup` of several tables, "linear", by the same cells: where they lie takes most of the time."""
-    w_i, w_o = torch.broadcast_tensors(w_i, w_o)
-    found = _trilinear(tables, *grid_coordinates(*half_difference(w_i, w_o)))
-    return [_where_visible(f_r, w_i, w_o) for f_r in found]
+    angles = half_difference(w_i, w_o)
+    found = _trilinear(tables, *grid_coordinates(*angles))
+    return [_where_visible(f_r, w_i, w_o, angles[1]) for f_r in found]
 
 
-def _where_visible(f_r: Tensor, w_i: Tensor, w_o: Tensor) -> Tensor:
-    visible = (w_i[..., 2] > 0) & (w_o[..., 2] > 0)
-    return torch.where(visible[..., None], f_r, 0).to(w_i.dtype)
+def _where_visible(f_r: Tensor, w_i: Tensor, w_o: Tensor, theta_d: Tensor) -> Tensor:
+    """f_r, 0 below the horizon; theta_d is NaN where any part of a direction is, and so is what is returned."""
+    visible = (w_i[..., 2] > 0) & (w_o[..., 2] > 0) & (theta_d >= 0)
+    return torch.where(visible[..., None], f_r, (0 * theta_d.detach()).to(f_r)[..., None]).to(w_i.dtype)
 
 
 def _trilinear(tables: Sequence[MerlTable], h: Tensor, d: Tensor, p: Tensor) -> list[Tensor]:

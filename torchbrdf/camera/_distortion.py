@@ -50,7 +50,8 @@ class Distortion:
     def undo(self, shown: Tensor) -> Tensor:
         """The inverse of `apply`, by Newton's method; NaN where there is none that the middle leads to, and of NaN."""
         goal = shown.detach().double().reshape(-1, 2)
-        with torch.enable_grad():
+        with torch.inference_mode(False), torch.enable_grad():
+            goal = goal.clone()  # outside inference mode: of those made within no gradient is found
             seen = goal.clone()
             for _ in range(_STEPS):
                 at = seen.clone().requires_grad_()

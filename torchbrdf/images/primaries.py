@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.images.settings import ColourSpace
+from torchbrdf.lasting import without_autocast
 
 _SAME = 3e-3
 """Conversions closer than this to none are none: files round chromaticities to three digits, D65 varies in the fourth,
@@ -96,6 +97,7 @@ def space_named(name: ColourSpace) -> Primaries:
     return SPACES[name]
 
 
+@without_autocast
 def converted(image: Tensor, source: ColourSpace, target: ColourSpace) -> Tensor:
     """(3, ...) linear RGB of one space in another; see `conversion`. Raises ValueError for an unknown space."""
     before, after = space_named(source), space_named(target)

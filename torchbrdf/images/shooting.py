@@ -223,7 +223,7 @@ def _number(values: Mapping[Any, Any], key: object) -> float | None:
 def _power(apex: object, of: Callable[[float], float]) -> float | None:
     """What an APEX value, a logarithm to base 2, stands for."""
     try:
-        return of(float(apex)) if apex is not None else None  # type: ignore[arg-type]
+        return _number({"apex": of(float(apex))}, "apex") if apex is not None else None  # type: ignore[arg-type]
     except (TypeError, ValueError, ArithmeticError):
         return None
 

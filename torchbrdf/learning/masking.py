@@ -10,6 +10,7 @@ import torch
 from kornia.morphology import erosion
 from torch import Tensor
 
+from torchbrdf.lasting import without_autocast
 from torchbrdf.view import SphereView, View
 
 MARGIN = 1.0
@@ -101,6 +102,7 @@ def stand_radii(view: SphereView) -> Tensor:
     return torch.where(view.mask, view.unpack(distance.amin(-1)), torch.inf)
 
 
+@without_autocast
 def reflection_angles(view: View, direction: Sequence[float]) -> Tensor:
     """(1, H, W): the least angle in degrees between a direction and what each pixel mirrors; 180 outside the mask."""
     towards = torch.tensor(direction, dtype=torch.float32)

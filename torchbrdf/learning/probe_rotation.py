@@ -14,6 +14,7 @@ from kornia.geometry.liegroup import So3
 from kornia.geometry.transform import remap
 from torch import Tensor
 
+from torchbrdf.lasting import without_autocast
 from torchbrdf.learning._drawing import DrawnInFloat32
 from torchbrdf.light import area_mean, row_solid_angles, texel_coordinates
 
@@ -24,6 +25,7 @@ _POLE = 1e-6
 """Directions nearer to a pole than this many radians have no azimuth and no gradient."""
 
 
+@without_autocast
 def rotate_probes(
     radiance: Tensor, rotation: Tensor, supersampling: int = SUPERSAMPLING, keep_power: bool = True
 ) -> Tensor:

@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from torchbrdf.arguments import several
+from torchbrdf.lasting import without_autocast
 from torchbrdf.transport import BasisImages
 from torchbrdf.view import unpack
 
@@ -188,6 +189,7 @@ def _checked_pair(spoilt: object, count: int) -> tuple[Tensor, Tensor]:
     return image, mask
 
 
+@without_autocast
 def random_materials(rows: Tensor, n_materials: int, light: Tensor, blending: Blending) -> tuple[Tensor, Tensor]:
     """Random materials from torch's global generator, under given lights.
 

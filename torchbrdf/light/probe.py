@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbrdf.arguments import warn_of_lost_gradient
+from torchbrdf.arguments import check_last, warn_of_lost_gradient
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace, converted, luminance, write_image
 from torchbrdf.lasting import lasting, lasting_graph, without_autocast
 from torchbrdf.light._blur import blur
@@ -214,7 +214,7 @@ class LightProbe:
 
     def radiance_at(self, directions: Tensor) -> Tensor:
         """Radiance (..., 3) from unit directions (..., 3): bilinear, differentiable in the radiance."""
-        _check_last(directions, 3, "directions")
+        _check_places(directions, 3, "directions")
         return bilinear(self._radiance, directions)
 
     def sample(self, u: Tensor) -> tuple[Tensor, Tensor]:
@@ -225,13 +225,13 @@ class LightProbe:
                    Texels without energy are never met. The map is continuous but for jumps between rows and
                    columns, so stratified and quasi-random points keep their advantage
         """
-        _check_last(u, 2, "u")
+        _check_places(u, 2, "u")
         directions, pdf = self._importance.sample(u.reshape(-1, 2))
         return directions.reshape(*u.shape[:-1], 3), pdf.reshape(u.shape[:-1])
 
     def pdf(self, directions: Tensor) -> Tensor:
         """The density (...) in 1/sr with which `sample` returns the unit directions (..., 3)."""
-        _check_last(directions, 3, "directions")
+        _check_places(directions, 3, "directions")
         return self._importance.pdf(directions.reshape(-1, 3)).reshape(directions.shape[:-1])
 
     def rotated(self, rotation: Tensor | np.ndarray) -> LightProbe:
@@ -348,6 +348,8 @@ def _checked_height(height: int) -> int:
     return height
 
 
-def _check_last(values: Tensor, size: int, what: str) -> None:
-    if values.ndim == 0 or values.shape[-1] != size:
-        raise ValueError(f"{what} must be (..., {size}), got {tuple(values.shape)}")
+def _check_places(values: Tensor, size: int, what: str) -> None:
+    """Raise ValueError for directions or points that are not (..., size), or not finite."""
+    check_last(values, size, what)
+    if not torch.isfinite(values.detach().sum(dtype=torch.float32)):  # one pass: a sum keeps NaN
+        raise ValueError(f"{what} must be finite, got NaN or infinity in {tuple(values.shape)}; leave those out")

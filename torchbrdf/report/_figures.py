@@ -59,7 +59,7 @@ def spread_map(share: Tensor, scale: float, shown: Tensor) -> Tensor:
 
 def _between(stops: Sequence[tuple[float, float, float]], position: Tensor) -> Tensor:
     """Display colours (3, H, W) at positions (1, H, W) of 0 to 1 between stops at equal distances."""
-    colours = torch.tensor(stops)
+    colours = torch.tensor(stops, dtype=torch.float32)
     place = position.float() * (len(colours) - 1)
     lower = place.floor().clamp_max(len(colours) - 2).long()
     return torch.lerp(colours[lower[0]], colours[lower[0] + 1], (place - lower)[0, ..., None]).movedim(-1, 0)

@@ -12,7 +12,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from torchbrdf.brdf import MaterialLibrary, columns_of, position_among
+from torchbrdf.brdf import MaterialLibrary, check_different, columns_of, position_among
 from torchbrdf.files import existing_file, writing
 from torchbrdf.lasting import without_autocast
 from torchbrdf.light import LightProbe
@@ -114,17 +114,21 @@ class BasisImages:
         return replace(self, packed=self.packed.to(device), mask=self.mask.to(device), relative_errors=errors)
 
     def subset(self, names: Sequence[str]) -> "BasisImages":
-        """The images of some materials only, in the order given."""
-        where = f"among these {len(self.names)} basis images"
-        places = [position_among(self.names, name, where) for name in names]
-        rows = columns_of(places).to(self.packed.device)
+        """The images of some materials only, in the order given. Raises ValueError for none, or one named twice."""
+        if not names:
+            raise ValueError("basis images need at least one material, got none")
+        check_different(names)
+        rows = columns_of([self._position(name) for name in names]).to(self.packed.device)
         errors = None if self.relative_errors is None else self.relative_errors[rows]
         return replace(self, packed=self.packed[rows], names=tuple(names), relative_errors=errors)
 
     def without(self, *names: str) -> "BasisImages":
         """The images less some materials (leave-one-out)."""
-        self.subset(names)
-        return self.subset([name for name in self.names if name not in names])
+        dropped = {self._position(name) for name in names}
+        return self.subset([name for i, name in enumerate(self.names) if i not in dropped])
+
+    def _position(self, name: str) -> int:
+        return position_among(self.names, name, f"among these {len(self.names)} basis images")
 
     def image(self, material: str) -> Tensor:
         """(3, H, W): the material itself under the light, each channel of it in its own colour of the light."""

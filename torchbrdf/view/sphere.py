@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from torchbrdf.camera import Ball, turned_to, unit_direction
+from torchbrdf.lasting import without_autocast
 from torchbrdf.view.camera import Framing, Triple, check_fov
 from torchbrdf.view.view import SurfacePoints, View
 
@@ -78,6 +79,7 @@ class SphereView(View):
     def _ahead(self) -> bool:
         return self.direction == _AHEAD
 
+    @without_autocast
     def surface(self, pixels: Tensor, u: Tensor, v: Tensor) -> SurfacePoints:
         """See View."""
         points = self._before_camera(pixels, u, v)
