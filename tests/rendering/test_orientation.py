@@ -124,7 +124,7 @@ def steel() -> tb.MerlTable:
 
 
 @pytest.fixture
-def one_thread() -> Iterator[None]:
+def few_threads() -> Iterator[None]:
     """The threads of torch would wait for work by spinning, beside those of Mitsuba."""
     with one_thread():
         yield
