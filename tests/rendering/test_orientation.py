@@ -151,7 +151,7 @@ def highlight(image: torch.Tensor) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("texel", LIGHTS)
-@pytest.mark.usefixtures("mi", "one_thread")
+@pytest.mark.usefixtures("mi", "few_threads")
 def test_a_glossy_ball_is_rendered_alike_with_its_highlight_in_place(steel, texel):
     """The normal at the highlight halves the angle of light and camera (0, 0, 1); on a unit sphere it is the place."""
     images = assert_alike(steel, one_texel(*texel, background=0.05), tb.SphereView(24))
@@ -161,7 +161,7 @@ def test_a_glossy_ball_is_rendered_alike_with_its_highlight_in_place(steel, texe
         assert highlight(image) == pytest.approx(((1 + x) * 12, (1 - y) * 12), abs=0.7)
 
 
-@pytest.mark.usefixtures("mi", "one_thread")
+@pytest.mark.usefixtures("mi", "few_threads")
 def test_a_tilted_shape_before_a_tilted_camera_is_rendered_alike(steel, tmp_path):
     """An ellipsoid with three different axes, turned and away from the origin."""
     trimesh = pytest.importorskip("trimesh")
