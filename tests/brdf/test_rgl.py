@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from torchbrdf.brdf.difference import cell_difference
 from torchbrdf.brdf.directions import from_half_difference
 from torchbrdf.brdf.merl import MerlTable, above_horizon, cell_centres
 from torchbrdf.brdf.rgl import WHAT, RGLMaterial
+from torchbrdf.brdf.rgl_table import tabulate
 from torchbrdf.brdf.spectra import SPECTRAL_NODES, basis_spectra, to_rec709
 from torchbrdf.brdf.tables import read_table
 from torchbrdf.mitsuba_startup import load_mitsuba
@@ -143,6 +145,32 @@ class TestTables:
         back = read_table(tmp_path / "x.bsdf")
         assert cell_difference(back, glossy, "l2") < 0.01
         assert float((back.valid & few_cells).sum()) > 0.95 * float(few_cells.sum())
+
+    @pytest.mark.filterwarnings("error")
+    def test_values_below_the_horizon_are_not_taken_for_colours(self, tmp_path: Path, few_cells: Tensor):
+        """Of a table that rises towards the horizon, and goes on below it where the file is negative."""
+
+        def f_r(w_i: Tensor, w_o: Tensor) -> Tensor:
+            return torch.tensor([0.9, 0.5, 0.2]) * (1 + 0.3 / (w_i[..., 2:] * w_o[..., 2:] + 1e-3))
+
+        MerlTable.from_function(f_r, "rising").save(tmp_path / "x.bsdf")
+        found = tabulate(RGLMaterial.open(tmp_path / "x.bsdf"))
+        assert found.negative < 1e-3
+        assert found.clipped < 0.01
+        assert bool((found.values[found.valid] > 0).any(-1).all())
+        assert float(found.valid.sum()) > 0.9 * float(few_cells.sum())
+
+    def test_black_is_measured(self, tmp_path: Path, few_cells: Tensor):
+        MerlTable.from_function(lambda w_i, _: torch.zeros_like(w_i), "black").save(tmp_path / "x.bsdf")
+        assert float(read_table(tmp_path / "x.bsdf").valid.sum()) > 0.9 * float(few_cells.sum())
+
+    @pytest.mark.parametrize(("share", "said"), [(0.004, "less than 1%"), (0.006, "1%"), (0.22, "22%")])
+    def test_colours_outside_rec_709_are_said_with_their_share(self, written, monkeypatch, share: float, said: str):
+        path = written()
+        found = replace(tabulate(RGLMaterial.open(path)), negative=share, clipped=0.05)
+        monkeypatch.setattr("torchbrdf.brdf.rgl_table.tabulate", lambda _: found)
+        with pytest.warns(UserWarning, match=rf"made\.bsdf: {said} of its cells have colours outside Rec\. 709, whose"):
+            read_table(path)
 
     def test_cells_hold_the_mean_of_both_ways(self, written):
         """Of a material that reflects from left to right unlike from right to left; far from grazing."""

@@ -1,6 +1,7 @@
 """`torchbrdf convert`: what it writes, says and refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import OpenEXR
@@ -10,6 +11,8 @@ from torch import Tensor
 
 from failures import fails
 from picture_files import rgb, write_exr
+from torchbrdf.brdf.rgl import RGLMaterial
+from torchbrdf.brdf.rgl_table import Tabulated, tabulate
 from torchbrdf.brdf.tables import read_table
 from torchbrdf.cli import main
 from torchbrdf.images import (
@@ -31,6 +34,23 @@ def test_there_and_back(capsys, merl_directory: Path, tmp_path: Path):
     assert main(["convert", str(tmp_path / "red.bsdf"), "-o", str(tmp_path / "red.binary")]) == 0
     assert "read again, it differs by l2 0.00%, log 0.00%, cube-root 0.00%" in capsys.readouterr().out
     assert read_table(tmp_path / "red.binary").valid.any()
+
+
+def test_reading_it_again_says_nothing_by_a_temporary_name(capsys, monkeypatch, merl_directory: Path, tmp_path: Path):
+    found = []
+
+    def clipped(material: RGLMaterial) -> Tabulated:
+        found.append(replace(tabulate(material), clipped=0.4))
+        return found[-1]
+
+    monkeypatch.setattr("torchbrdf.brdf.rgl_table.tabulate", clipped)
+    assert main(["convert", str(merl_directory / "red.binary"), str(tmp_path / "again.bsdf"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == []
+    nothing = replace(found[0], valid=torch.zeros_like(found[0].valid))
+    monkeypatch.setattr("torchbrdf.brdf.rgl_table.tabulate", lambda _: nothing)
+    line = fails(capsys, "convert", merl_directory / "red.binary", tmp_path / "none.bsdf")
+    assert line.startswith(f"torchbrdf: error: {tmp_path / 'none.bsdf'}: none of MERL's cells rests on what was")
+    assert not (tmp_path / "none.bsdf").exists()
 
 
 def test_other_suffixes(capsys, merl_directory: Path, tmp_path: Path):

@@ -29,6 +29,17 @@ def with_lamp(columns: slice = slice(30, 33), level: float = CEILING) -> Tensor:
     return radiance
 
 
+def two_lights(height: int = HEIGHT) -> Tensor:
+    """(3, H, 2 H) of two smooth lights: one largest in red and green, the other in blue."""
+    theta = (torch.arange(height, dtype=torch.float64) + 0.5)[:, None] * (torch.pi / height)
+    phi = (torch.arange(2 * height, dtype=torch.float64) + 0.5) * (torch.pi / height)
+    radiance = torch.full((3, height, 2 * height), 0.15, dtype=torch.float64)
+    for polar, azimuth, width, colour in ((1.0, 2.0, 12, (6, 5, 2)), (1.4, 4.6, 15, (1, 2, 4))):
+        cosine = theta.cos() * math.cos(polar) + theta.sin() * math.sin(polar) * (phi - azimuth).cos()
+        radiance += torch.exp(width * (cosine - 1)) * torch.tensor(colour)[:, None, None]
+    return radiance.float()
+
+
 def clipped(radiance: Tensor) -> Tensor | None:
     found = lamps_of(radiance, row_solid_angles(radiance.shape[1], radiance.shape[2])[:, None])
     return None if found is None else found.radiance > 0
@@ -69,6 +80,22 @@ class TestWhichTexels:
             radiance[channel, 10 * channel + 5, 7] = CEILING
         assert clipped(radiance) is None
 
+    @pytest.mark.parametrize("height", [64, 256, 512])
+    def test_smooth_maxima_are_no_plateaus(self, height: int) -> None:
+        """Though up to dozens of texels are within a thousandth of them."""
+        radiance = two_lights(height)
+        assert int((radiance == radiance.amax((1, 2), keepdim=True)).sum()) == 3
+        assert clipped(radiance) is None
+
+    @pytest.mark.parametrize("half", [False, True])
+    def test_smooth_lights_that_are_clipped(self, half: bool) -> None:
+        radiance = two_lights(256).clamp_max(5.875)
+        radiance = radiance.half().float() if half else radiance
+        found = lamps_of(radiance, row_solid_angles(256, 512)[:, None])
+        assert torch.equal(found.radiance[0] > 0, radiance[0] >= 5.875 * (1 - 1e-3))
+        assert int((found.radiance[0] == 5.875).sum()) > 100
+        assert found.certain
+
     @pytest.mark.parametrize(("columns", "level"), [(slice(0, 128), CEILING), (slice(30, 33), 2.0)])
     def test_too_large_or_too_dim(self, columns: slice, level: float) -> None:
         """A bright ceiling of a room, and the brightest part of an overcast sky."""
@@ -100,6 +127,23 @@ class TestCertain:
         radiance = with_lamp()
         radiance[:, 20:22, 30:33] *= torch.tensor([1.0, 0.8, 0.5])[:, None, None]
         assert not LightProbe(radiance).lamps.certain
+
+    def test_lights_of_other_colours_in_other_places(self) -> None:
+        """Each of one radiance: that red and green are largest elsewhere tells nothing."""
+        radiance = sky()
+        radiance[:, 20:22, 30:33] = torch.tensor([40.0, 1.0, 2.0])[:, None, None]
+        radiance[:, 40:42, 60:63] = torch.tensor([1.0, 30.0, 2.0])[:, None, None]
+        probe = LightProbe(radiance)
+        assert probe.lamps.channels.tolist() == [True, True, False]
+        assert not probe.lamps.certain
+
+    def test_a_lamp_whose_blue_is_not_clipped(self) -> None:
+        """At other levels of red and green, as after a white balance."""
+        radiance = with_lamp()
+        radiance[1, 20:22, 30:33] *= 0.8
+        radiance[2, 20:22, 30:33] = torch.linspace(5, 20, 6).view(2, 3)
+        radiance[2, 40, 50] = 30.0
+        assert LightProbe(radiance).lamps.certain
 
 
 class TestGoesAlong:

@@ -154,9 +154,9 @@ class MerlTable:
         """Tabulate a measured material of the RGL database, a `.bsdf` file, RGB or spectral [DJ18].
 
         isotropic  take the mean over all azimuths of a material that is not
-        Cells that the database did not measure are not valid. Colours outside Rec. 709 have their negative channels set
-        to 0; warns where that, or the mean over azimuths, changes the material by more than 1 %. Raises as
-        `RGLMaterial.open`, and ValueError for an anisotropic material.
+        Cells that the database did not measure are not valid, nor are those of negative luminance. Other colours
+        outside Rec. 709 have their negative channels set to 0; warns where that, or the mean over azimuths, changes the
+        material by more than 1 %. Raises as `RGLMaterial.open`, and ValueError for an anisotropic material.
         """
         from torchbrdf.brdf.rgl import RGLMaterial
         from torchbrdf.brdf.rgl_table import tabulate
@@ -169,8 +169,9 @@ class MerlTable:
             )
         found = tabulate(material)
         if found.clipped > 0.01:
+            share = f"{found.negative:.0%}" if found.negative > 0.005 else "less than 1%"
             warnings.warn(
-                f"{path}: {found.negative:.0%} of its cells have colours outside Rec. 709, whose negative channels are "
+                f"{path}: {share} of its cells have colours outside Rec. 709, whose negative channels are "
                 f"set to 0, which changes it by {found.clipped:.1%}",
                 UserWarning,
                 stacklevel=2,

@@ -3,6 +3,9 @@
 The database measured each pair of directions twice, from either side, and the two differ (by a tenth and more in some
 files, where a surface was a little tilted or light got lost); a table has one value for both, their mean. Where one of
 them is f_r cos(theta_o) of a grazing direction, divided by next to nothing, it counts for less.
+
+A cell of negative luminance is no colour: files go on below the horizon, some with values below 0 (`rgl_writing`), and
+interpolation across it takes from these. No such cell was measured.
 """
 
 from dataclasses import dataclass
@@ -13,8 +16,9 @@ from torch import Tensor
 
 from torchbrdf.brdf.merl_grid import GRID, above_horizon, cell_centres
 from torchbrdf.brdf.rgl import RGLMaterial
+from torchbrdf.images import luminance
 
-TABULATION = 1
+TABULATION = 2
 """Changes whenever `tabulate` gives other tables: caches of libraries know by it what is out of date."""
 
 _ROWS = 2
@@ -40,7 +44,8 @@ class Tabulated:
 
     values    (90, 90, 180, 3) float32  f_r in 1/sr, 0 where not valid
     valid     (90, 90, 180) bool
-    negative  share of the valid cells of which a channel was negative, a colour that Rec. 709 does not have: now 0
+    negative  share of the valid cells of which a channel was negative, and not the luminance, a colour that Rec. 709
+              does not have: now 0
     clipped   relative RMS, over the valid cells, of what that took from f_r
     spread    of an anisotropic material: relative RMS of f_r cos(theta_o) over the azimuths averaged; else 0
     """
@@ -61,6 +66,7 @@ def tabulate(material: RGLMaterial) -> Tabulated:
         inside = valid[rows].clone()
         found, measured, spread = _cells(material, rows, inside)
         squares += spread
+        measured &= (found >= 0).all(-1) | (luminance(found.T) > 0)
         found = found[measured]
         negative += int((found < 0).any(-1).sum())
         clipped += torch.stack([found.clamp_max(0).square().sum(), found.square().sum()])

@@ -5,6 +5,7 @@ lamp is brighter. Found among the picture's own pixels, before resampling blurs 
 """
 
 from dataclasses import dataclass, replace
+from itertools import permutations
 from math import inf
 
 import torch
@@ -19,6 +20,15 @@ _LARGEST_UNKNOWN = 0.02
 """Of the sphere, up to which infinite texels are taken for lamps, of one radiance."""
 
 _ROUNDING = 1e-3
+_SAME = 1e-6
+"""Of a value, up to which 32-bit floats are the same but for rounding."""
+
+_MOST_SAME, _MOST_SAME_SHARE = 4, 0.01
+"""Texels that hold the same at a smooth maximum: those around a corner, or a share of all within `_ROUNDING` of it."""
+
+_GENTLE = 1e-2
+"""How far, at most, radiance has fallen beside the texels within `_ROUNDING` of a smooth maximum."""
+
 _LEAST_CONTRAST = 3.0
 """How many times as bright as the mean a lamp is."""
 
@@ -82,9 +92,9 @@ def lamps_of(picture: Tensor, weights: Tensor, infinite: Tensor | None = None) -
 
     weights   (h, w) or (h, 1): solid angles up to a factor
     infinite  (3, h, w) bool: of `bounded`
-    Texels at the largest value of their channel, beside another such one, or in such a plateau of another channel that
-    ends at the same value, or alone where all channels are largest; together no larger than LARGEST_SHARE, and bright.
-    Infinite texels are lamps, see `bounded`.
+    Texels at the largest value of their channel, where that is no smooth maximum, beside another such one, or in such a
+    plateau of another channel that ends at the same value, or alone where all channels are largest; together no larger
+    than LARGEST_SHARE, and bright. Infinite texels are lamps, see `bounded`.
     """
     values, weights = picture.detach(), weights.expand(picture.shape[1:])
     unknown = infinite is not None and bool(infinite.any())
@@ -120,9 +130,30 @@ def clipped_share(radiance: Tensor, weights: Tensor) -> float:
 
 
 def _at_maximum(values: Tensor, weights: Tensor) -> tuple[Tensor, float]:
-    """(3, h, w) bool: the texels at the largest value of their channel; their share of the sphere."""
-    flags = (values >= values.amax((1, 2), keepdim=True) * (1 - _ROUNDING)) & (weights > 0)
+    """(3, h, w) bool: the texels at the largest value of their channel, see `_smooth`; their share of the sphere."""
+    largest, used = values.amax((1, 2), keepdim=True), weights > 0
+    flags = (values >= largest * (1 - _ROUNDING)) & used
+    flags &= ~_smooth(values, flags, largest, used)
     return flags, float((weights * flags.any(0)).sum() / weights.sum())
+
+
+def _smooth(values: Tensor, flags: Tensor, largest: Tensor, used: Tensor) -> Tensor:
+    """(3, 1, 1) bool: channels whose largest values are the top of a light that was not clipped.
+
+    Such radiance falls off quadratically: hardly two texels hold the same, and beside those within a thousandth of the
+    largest value it is little below. A lamp's edge is steep, and what was clipped holds one value.
+    """
+    same = ((values >= largest * (1 - _SAME)) & flags).sum((1, 2), keepdim=True)
+    few = same <= (_MOST_SAME_SHARE * flags.sum((1, 2), keepdim=True)).clamp_min(_MOST_SAME)
+    beside = (_neighbours(flags) > 0) & ~flags & used
+    fallen = ((largest - values) * beside).sum((1, 2), keepdim=True)
+    return few & (fallen <= _GENTLE * largest * beside.sum((1, 2), keepdim=True))
+
+
+def _neighbours(flags: Tensor) -> Tensor:
+    """(3, h, w): the share of flagged ones among the nine texels around each, across the seam."""
+    wrapped = torch.cat([flags[..., -1:], flags, flags[..., :1]], -1).float()
+    return torch.nn.functional.avg_pool2d(wrapped, 3, 1, (1, 0))
 
 
 def _at_ceiling(values: Tensor, weights: Tensor) -> Tensor:
@@ -132,8 +163,7 @@ def _at_ceiling(values: Tensor, weights: Tensor) -> Tensor:
         return torch.zeros_like(flags)
     ceiling, share = values.amax((1, 2), keepdim=True), weights / weights.sum()
     flags &= ceiling > _LEAST_CONTRAST * (values * share).sum((1, 2), keepdim=True)
-    wrapped = torch.cat([flags[..., -1:], flags, flags[..., :1]], -1).float()
-    plateau = flags & (torch.nn.functional.avg_pool2d(wrapped, 3, 1, (1, 0)) > 1.5 / 9)
+    plateau = flags & (_neighbours(flags) > 1.5 / 9)
     if not bool(plateau.any()):
         return flags & flags.all(0)
     level = (ceiling * plateau.flatten(1).any(1)[:, None, None]).max()
@@ -168,8 +198,20 @@ def _equal_pairs(values: Tensor, texels: Tensor, apart: int) -> tuple[int, int]:
 
 
 def _cuts(values: Tensor, clipped: Tensor) -> tuple[bool, bool]:
-    """Whether the channels of what may be clipped end at one level, and whether they end over other regions."""
+    """Whether the channels of what may be clipped end at one level, and whether they end over other regions.
+
+    Regions that do not overlap are lights of other colours in other places.
+    """
     levels = torch.where(clipped, values, 0).amax((1, 2))
     levels = levels[levels > 0]
     one_level = len(levels) > 1 and float(levels.max() - levels.min()) <= _ROUNDING * float(levels.max())
-    return one_level, bool((clipped.any(0) != clipped.all(0)).any())
+    return one_level, any(_outlasts(values[j], clipped[j], clipped[i]) for i, j in permutations(range(3), 2))
+
+
+def _outlasts(channel: Tensor, own: Tensor, region: Tensor) -> bool:
+    """Whether a channel (h, w) goes on where another is clipped: its region is another and overlaps, or it has none
+    and changes there."""
+    if own.any() or not region.any():
+        return bool((own & region).any()) and not torch.equal(own, region)
+    inside = channel[region]
+    return float(inside.max() - inside.min()) > _GENTLE * float(inside.max())
