@@ -333,7 +333,8 @@ class TestPhotograph:
         monkeypatch.setattr("torchbrdf.progress.print", lambda text, **_: said.append(text), raising=False)
         said: list[str] = []
         run(capsys, table, "--model", "lambert", "--photograph", photo, "--probe", light)
-        assert said == [f"sampling the light that every pixel of {photo} shows, once for all fits"]
+        sampling = f"sampling the light that every pixel of {photo} shows, once for all fits"
+        assert said == [sampling, f"fitting lambert to {table}"]
 
     @pytest.mark.parametrize(
         ("more", "said"),

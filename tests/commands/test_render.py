@@ -50,3 +50,12 @@ def test_radiance_has_no_exposure(tiny_tables, tmp_path, capsys):
     line = fails(capsys, *given)
     assert line.endswith("x.exr: --exposure is of a picture to look at; name it X.png or X.jpg, or leave it out")
     assert not (tmp_path / "x.exr").exists()
+
+
+def test_what_takes_long_is_said(rendered, tmp_path, monkeypatch):
+    """On a slow machine; here it is."""
+    said: list[str] = []
+    monkeypatch.setattr("torchbrdf.progress._PATIENCE", 0.0)
+    monkeypatch.setattr("torchbrdf.progress.print", lambda text, **_: said.append(text), raising=False)
+    rendered("a.exr", 1.0)
+    assert said == [f"rendering {tmp_path / 'gold.binary'}"]

@@ -524,6 +524,11 @@ def test_flicker_bands():
     assert float(gain.std(2).min()) > 0
 
 
+def test_noise_that_reaches_farther_than_the_image():
+    with pytest.raises(ValueError, match=r"^blur 5 reaches 15 pixels far, farther than images of 8 x 40; give less$"):
+        RandomSensorNoise(blur=5.0)(torch.ones(1, 3, 8, 40))
+
+
 @pytest.mark.parametrize("blur", [0.0, 1.0])
 def test_size_of_noise(blur: float):
     image = torch.full((1, 3, 200, 200), 2.0)

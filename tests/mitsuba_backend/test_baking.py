@@ -279,6 +279,11 @@ def test_too_few_samples(library, probe, samples):
         render_basis(library, probe, SphereView(8), backend="mitsuba", samples=samples)
 
 
+def test_samples_are_whole(library, probe):
+    with pytest.raises(ValueError, match=r"^samples must be a whole number, got 2\.5$"):
+        render_basis(library, probe, SphereView(8), backend="mitsuba", samples=2.5)
+
+
 def test_a_probe_without_energy():
     with pytest.raises(ValueError, match=r"^light probe has no energy: every texel is 0; [^\n]*$"):
         LightProbe(torch.zeros(3, 8, 16))

@@ -143,6 +143,12 @@ def test_too_few_samples(probe, grey, samples):
         scene.render_halves(samples)
 
 
+def test_samples_are_whole(probe, grey):
+    scene = MitsubaScene(SphereView(6), probe, grey)
+    with pytest.raises(ValueError, match=r"^samples must be a whole number, got 2\.5$"):
+        scene.render(2.5)
+
+
 @pytest.mark.parametrize("columns", [3, -8, 16])
 def test_a_light_turned_by_whole_texels(probe, tiny_tables, columns):
     """About +Y it is the rotated probe, whose radiance is the same at every texel."""

@@ -8,6 +8,7 @@ from photographs_of_balls import off, photographed
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.light import LightProbe
 from torchbrdf.photograph import Circle, find_balls
+from torchbrdf.photograph.finding import find_near
 
 SIZE = (160, 240)
 BALL = Circle(101.3, 72.6, 38.4)
@@ -108,3 +109,18 @@ def test_scenes_with_stands_mirrors_and_blur(seed):
     x, y, z = direction.tolist()
     sure = [one for one in find_balls(scene.image, camera) if one.sure]
     assert off(sure[0].silhouette, Ball(camera, (x, y, z), radius_deg)) < 2 * NEAR
+
+
+@pytest.mark.parametrize(
+    ("image", "usable", "message"),
+    [
+        (torch.ones(9, 8, 3), None, r"^image must be \(3, H, W\), got \(9, 8, 3\); permute it: image\.movedim"),
+        (torch.ones(3, 9, 8, dtype=torch.uint8), None, r"^image must hold linear floating-point radiance, got torch"),
+        (torch.ones(3, 9, 8), torch.ones(1, 8, 9, dtype=torch.bool), "^mask must have the size of the photograph"),
+    ],
+)
+def test_what_is_no_photograph(image, usable, message):
+    with pytest.raises(ValueError, match=message):
+        find_balls(image, usable=usable)
+    with pytest.raises(ValueError, match=message):
+        find_near(image, Circle(4.0, 4.0, 3.0), usable)

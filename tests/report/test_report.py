@@ -254,7 +254,7 @@ def test_the_three_answers_are_on_the_first_screen(report, tmp_path, browser, su
     [
         (lambda s: {"view": SphereView(24, fov_deg=30.0)}, "the basis images were rendered with another view"),
         (lambda s: {"probe": s.probe.scaled(2)}, "the basis images were rendered with another light probe"),
-        (lambda s: {"library": s.library.without("red")}, "this library is not the one of the reconstruction"),
+        (lambda s: {"library": s.library.without("red")}, "this library is not the one that the basis images"),
         (lambda s: {"basis": s.basis.without("red")}, "the basis images are not those of this reconstruction"),
         (lambda s: {"mask": s.mask[0]}, r"mask must be bool \(1, 24, 24\), got torch.bool \(24, 24\)"),
         (lambda s: {"photograph": torch.ones(3, 9, 9)}, r"photograph must be \(3, 24, 24\) like the basis images"),
@@ -267,7 +267,8 @@ def test_parts_that_do_not_belong_together(subject, change, message):
 
 def test_a_batch_is_refused(subject):
     batch = BRDFEstimator(subject.basis, MaterialClasses.single(subject.library))(subject.photograph[None])
-    with pytest.raises(ValueError, match=r"a report needs a single reconstruction, this holds a batch; pick one"):
+    message = r"^a report needs a single reconstruction, this holds a batch \(1,\); pick one: result\[i\]$"
+    with pytest.raises(ValueError, match=message):
         replace(subject, result=batch)
 
 

@@ -19,6 +19,7 @@ from torchbrdf.brdf import METRIC_NAMES
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import add_light, add_photographed, add_size, add_table, whole_number
 from torchbrdf.files import writing
+from torchbrdf.progress import told_if_slow
 
 EXAMPLES = (
     "torchbrdf analytic result -o material.xml --preview fit.png",
@@ -89,7 +90,7 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         settings: dict[str, Any] = {"uncertainty": uncertainty, "most_evaluations": most}
         if refinement is not None:
             findings.line(f"photograph {refinement.sight.about}")
-        with about(options.brdf):
+        with about(options.brdf), told_if_slow(f"fitting {model} to {options.brdf}"):
             fit = fit_analytic(table, model, options.metric, shared=not options.separate, **settings)
         fits = Fits(findings, refinement, options.most_evaluations)
         best = fits.tell(fit)

@@ -8,6 +8,7 @@ from pathlib import Path
 from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import TABLE_HELP, add_light, add_output, add_samples, add_size
 from torchbrdf.files import writing
+from torchbrdf.progress import told_if_slow
 from torchbrdf.report import COMPARISON_SAMPLES, COMPARISON_SIZE
 
 EXAMPLES = (
@@ -39,8 +40,9 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         names = labels(paths)
         probe = open_probe(options)
         settings = {"size": options.size, "samples": options.samples, "primaries": options.primaries}
-        comparison = Comparison.of(tables, probe, names, **settings)
-        write_comparison(temporary, comparison)
+        with told_if_slow(f"comparing {len(names)} BRDFs"):
+            comparison = Comparison.of(tables, probe, names, **settings)
+            write_comparison(temporary, comparison)
     for name, difference in zip(names[1:], comparison.differences, strict=True):
         cells = ", ".join(f"{metric} {value:.2%}" for metric, value in difference.cells.items())
         findings.line(

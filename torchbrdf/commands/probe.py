@@ -9,6 +9,7 @@ from torchbrdf.commands._findings import Findings
 from torchbrdf.commands._options import LARGEST_SIZE, add_camera, add_output, add_strict, number, whole_number
 from torchbrdf.files import writing
 from torchbrdf.images import DEFAULT_SPACE, ColourSpace
+from torchbrdf.progress import told_if_slow
 
 if TYPE_CHECKING:
     from torchbrdf.light.mirror import Metal, MirrorPhotograph, MirrorProbe
@@ -77,8 +78,9 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
     reflectance, reflects = _reflectance(options)
     read = (_photograph(options, index, reflectance) for index in range(len(options.photos)))
     photographs, sights = zip(*read, strict=True)
-    found = unwrapped(photographs, reflectance, options.rows, beside=not options.no_surroundings)
     title = " and ".join(path.name for path in options.photos)
+    with told_if_slow(f"unwrapping {title}"):
+        found = unwrapped(photographs, reflectance, options.rows, beside=not options.no_surroundings)
     probe = LightProbe(found.radiance, unknown_lamps=True, name=f"light of {title}")
     with writing(options.output) as temporary:
         about = {

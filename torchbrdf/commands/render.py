@@ -13,6 +13,7 @@ from torchbrdf.commands._options import (
     check_exposure,
 )
 from torchbrdf.files import writing
+from torchbrdf.progress import told_if_slow
 
 EXAMPLES = (
     "torchbrdf render result --probe other.hdr -o other.png --size 512",
@@ -42,7 +43,8 @@ def run(options: argparse.Namespace, findings: Findings) -> int:
         probe = open_probe(options)
         table = open_table(options.brdf, options.primaries)
         view = SphereView(options.size)
-        image = render(table, probe, view, options.samples)
+        with told_if_slow(f"rendering {options.brdf}"):
+            image = render(table, probe, view, options.samples)
         exposure, said = 1.0, ""
         if options.output.suffix.lower() in DISPLAY_SUFFIXES:
             exposure = exposure_for(image, view.mask) if options.exposure is None else options.exposure

@@ -73,10 +73,14 @@ def sensor_noise(image: Tensor, white: Tensor, shot: Tensor | float, read: Tenso
     white       (B, C, H, W)  standard normal
     shot, read  (B, 1, 1, 1)  relative standard deviations at the mean radiance, of photons and of the electronics
     blur        standard deviation in pixels of a Gaussian that correlates neighbours (demosaicking, denoising in the
-                camera), which keeps the variance
+                camera), which keeps the variance. Raises ValueError where it reaches farther than the image, which it
+                goes around
     """
     if blur > 0:
         reach = 2 * int(3 * blur + 0.5) + 1
+        if reach // 2 > min(white.shape[-2:]):
+            size = " x ".join(map(str, white.shape[-2:]))
+            raise ValueError(f"blur {blur:g} reaches {reach // 2} pixels far, farther than images of {size}; give less")
         options: dict[str, Any] = {"kernel_size": (reach, reach), "sigma": (blur, blur)}
         impulse = torch.zeros(1, 1, reach, reach, dtype=white.dtype, device=white.device)
         impulse[..., reach // 2, reach // 2] = 1

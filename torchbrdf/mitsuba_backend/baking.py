@@ -16,6 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from torchbrdf.arguments import whole
 from torchbrdf.brdf import MaterialLibrary
 from torchbrdf.files import writing
 from torchbrdf.light import LightProbe
@@ -132,6 +133,7 @@ def bake_basis(
     Memory is up to three times the result's, plus a constant. Raises ValueError for fewer than 2 samples or the
     state of another bake, MitsubaUnavailableError where Mitsuba cannot be loaded.
     """
+    samples = whole("samples", samples)
     if samples < 2:
         raise ValueError(f"baking needs at least 2 samples a pixel, whose spread tells the error; got {samples}")
     columns, scale = library.stored.columns.cpu(), library.stored.scale

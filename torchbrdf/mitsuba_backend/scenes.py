@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.arguments import whole
 from torchbrdf.brdf import MerlTable
 from torchbrdf.light import LightProbe, checked_rotation
 from torchbrdf.mitsuba_backend.merl_plugin import merl_bsdf, table_values
@@ -90,6 +91,7 @@ class MitsubaScene:
 
     def render(self, samples: int, seed: int = 0) -> Tensor:
         """Radiance (3, H, W), 0 outside the mask, with some samples a pixel."""
+        samples = whole("samples", samples)
         if samples < 1:
             raise ValueError(f"a rendering needs at least 1 sample a pixel, got {samples}")
         height, width = self.view.size

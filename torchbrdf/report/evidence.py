@@ -58,16 +58,13 @@ class Subject:
         """Check that the parts belong together."""
         photograph, mask, result = self.photograph, self.mask, self.result
         basis, library = self.basis, self.library
-        if result.class_index.ndim:
-            raise ValueError("a report needs a single reconstruction, this holds a batch; pick one: result[i]")
+        result.check_library(library, "a report")
         if photograph.shape != (shape := (3, *basis.size)):
             raise ValueError(f"photograph must be {shape} like the basis images, got {tuple(photograph.shape)}")
         if mask.shape != (shape := (1, *basis.size)) or mask.dtype != torch.bool:
             raise ValueError(f"mask must be bool {shape}, got {mask.dtype} {tuple(mask.shape)}")
         if (basis.library, basis.names) != (result.library, result.names):
             raise ValueError("the basis images are not those of this reconstruction: another library")
-        if (library.source, library.names) != (result.library, result.names):
-            raise ValueError("this library is not the one of the reconstruction")
         if basis.probe != self.probe.fingerprint:
             raise ValueError("the basis images were rendered with another light probe")
         if basis.view != self.view.fingerprint:
