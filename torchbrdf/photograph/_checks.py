@@ -4,8 +4,8 @@ import torch
 from torch import Tensor
 
 
-def check_image(image: Tensor) -> None:
-    """Raise ValueError where a photograph is no tensor (3, H, W) of floating-point numbers."""
+def check_photograph(image: Tensor, mask: Tensor | None) -> None:
+    """Raise ValueError where it is no tensor (3, H, W) of floating-point numbers, or for a mask as `check_mask`."""
     if not isinstance(image, Tensor):
         raise ValueError(f"image must be a tensor (3, H, W), got {type(image).__name__}; see torch.from_numpy")
     if image.ndim != 3 or image.shape[0] != 3:
@@ -16,6 +16,8 @@ def check_image(image: Tensor) -> None:
             f"image must hold linear floating-point radiance, got {image.dtype}; decode the file, "
             "torchbrdf.read_image(path, allow_ldr=True)"
         )
+    if mask is not None:
+        check_mask(mask, image.shape[1], image.shape[2])
 
 
 def check_mask(mask: Tensor, height: int, width: int) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchbrdf.camera import Ball, PinholeCamera
 from torchbrdf.photograph._candidates import Place, seek
 from torchbrdf.photograph._charts import Chart, chart_of
-from torchbrdf.photograph._checks import check_image, check_mask
+from torchbrdf.photograph._checks import check_photograph
 from torchbrdf.photograph._mirror import settled
 from torchbrdf.photograph._outline import LEAST_STD, Outline
 from torchbrdf.photograph._pyramid import Pyramid
@@ -122,7 +122,7 @@ def find_balls(image: Tensor, camera: PinholeCamera | None = None, usable: Tenso
     Background, reflections, stands and shadows weaken an outline and do not move it. Not all are `sure`. Raises
     ValueError where image or usable is not of these shapes.
     """
-    _check(image, usable)
+    check_photograph(image, usable)
     return balls_of(Pyramid.of(image, usable), camera)
 
 
@@ -140,7 +140,7 @@ def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None)
     guess  within about a tenth of the radius; a ball before the photograph's camera
     See `find_balls`.
     """
-    _check(image, usable)
+    check_photograph(image, usable)
     chart = chart_of(guess.camera if isinstance(guess, Ball) else None)
     place = chart.circle(guess)
     height, width = image.shape[-2:]
@@ -158,12 +158,6 @@ def find_near(image: Tensor, guess: Circle | Ball, usable: Tensor | None = None)
         return None
     found = _found(max(refined, key=attrgetter("score")), chart, (height, width))
     return found if found is not None and found.sure and found.round else None
-
-
-def _check(image: Tensor, usable: Tensor | None) -> None:
-    check_image(image)
-    if usable is not None:
-        check_mask(usable, *image.shape[-2:])
 
 
 def _floor(pyramid: Pyramid) -> float | None:

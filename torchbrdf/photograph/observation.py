@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torchbrdf.camera import Ball, wholly_inside
-from torchbrdf.photograph._checks import check_image, check_mask
+from torchbrdf.photograph._checks import check_photograph
 from torchbrdf.photograph._summed_area import Boxes, SummedArea
 from torchbrdf.photograph.silhouette import Circle
 from torchbrdf.view import SphereView, View
@@ -47,7 +47,7 @@ def observe(
     Raises ValueError where such a pixel is not finite, none is left, or all are black; for an image that is not of
     floating-point numbers, and a mask that is not bool or of another size.
     """
-    _check(image, mask)
+    check_photograph(image, mask)
     n = min(LARGEST_DEFAULT_SIZE, round(2 * silhouette.circle[2])) if size is None else size
     return _averaged(image, mask, SphereView(n), boxes_of(silhouette, n), "ball", silhouette)
 
@@ -84,7 +84,7 @@ def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Obser
     mask   (1, h, w)  bool, True = use; None uses all
     Raises ValueError where the photograph has other proportions than the view, too.
     """
-    _check(image, mask)
+    check_photograph(image, mask)
     height, width = image.shape[-2:]
     if height * view.size[1] != width * view.size[0]:
         raise ValueError(
@@ -92,12 +92,6 @@ def observe_view(image: Tensor, view: View, mask: Tensor | None = None) -> Obser
             "crop it to what the camera of the view shows"
         )
     return _averaged(image, mask, view, _grid((0.0, 0.0), width / view.size[1], view.size), "shape")
-
-
-def _check(image: Tensor, mask: Tensor | None) -> None:
-    check_image(image)
-    if mask is not None:
-        check_mask(mask, image.shape[1], image.shape[2])
 
 
 def _grid(corner: tuple[float, float], step: float, size: tuple[int, int]) -> Boxes:
