@@ -197,7 +197,7 @@ class TestFiles:
         for name, image in (("lit", picture), ("dark", dark)):
             tb.write_image(tmp_path / f"{name}.exr", image)
         lit = LightProbe.open(tmp_path / "lit.exr", layout)
-        assert lit.lamps.about == "6 texels of 40 (rows 20 to 21, columns 28 to 30, counted from 0)"
+        assert lit.lamps.about == "6 texels of radiance 40 (rows 20 to 21, columns 28 to 30, counted from 0)"
         off = lit.relit(torch.zeros(3)).radiance - LightProbe.open(tmp_path / "dark.exr", layout).radiance
         assert float(off.abs().max()) < 1e-3
 
@@ -219,7 +219,7 @@ class TestInfinite:
         assert probe.lamps.unknown
         assert probe.lamps.certain
         assert probe.lamps.channels.tolist() == [True, True, False]
-        assert probe.lamps.about == "2 texels of infinite (rows 20 to 21, column 30, counted from 0)"
+        assert probe.lamps.about == "2 texels of infinite radiance (rows 20 to 21, column 30, counted from 0)"
 
     def test_in_a_file(self, tmp_path: Path) -> None:
         radiance = sky()

@@ -104,14 +104,11 @@ def lamps_of(picture: Tensor, weights: Tensor, infinite: Tensor | None = None) -
     if count == 0:
         return None
     held = sorted({float(f"{value:.4g}") for value in values[clipped].tolist()})
-    span = (
-        "infinite"
-        if unknown
-        else " or ".join(f"{value:g}" for value in (held if len(held) < 4 else held[:: len(held) - 1]))
-    )
+    span = " or ".join(f"{value:g}" for value in (held if len(held) < 4 else held[:: len(held) - 1]))
+    radiance = "infinite radiance" if unknown else f"radiance {span}"
     return Lamps(
         radiance=torch.where(clipped, picture, 0),
-        about=f"{count} texel{'' if count == 1 else 's'} of {span} ({place(texels)})",
+        about=f"{count} texel{'' if count == 1 else 's'} of {radiance} ({place(texels)})",
         unknown=unknown,
         certain=unknown or _certain(values, clipped),
     )
