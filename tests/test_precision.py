@@ -102,12 +102,12 @@ CALLS: dict[str, Callable[[Capture], Tensor]] = {
     "mask_reflection": lambda of: mask_reflection(tb.SphereView(64), 20, (0.3, 0.2, 1)),
     "ReflectanceMaps": lambda of: ReflectanceMaps(of.basis)[:5]["clean"],
     "view": lambda of: tb.SphereView(16).normals,
-    "view, off the axis": lambda of: tb.SphereView(16, 15, ASIDE).normals,
-    "view_dirs, off the axis": lambda of: tb.SphereView(16, 15, ASIDE).view_dirs,
+    "view, off the axis": lambda of: tb.SphereView(16, fov_deg=15, direction=ASIDE).normals,
+    "view_dirs, off the axis": lambda of: tb.SphereView(16, fov_deg=15, direction=ASIDE).view_dirs,
     "render": lambda of: tb.render(of.table, of.probe, tb.SphereView(16)),
     "render, sampled": lambda of: tb.render(of.table, of.probe, tb.SphereView(16), samples=64),
     "render, sampled, off the axis": lambda of: tb.render(
-        of.table, of.probe, tb.SphereView(16, 15, ASIDE), samples=64
+        of.table, of.probe, tb.SphereView(16, fov_deg=15, direction=ASIDE), samples=64
     ),
     "render_basis": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16)).packed,
     "render_basis, sampled": lambda of: tb.render_basis(of.library, of.probe, tb.SphereView(16), samples=64).packed,

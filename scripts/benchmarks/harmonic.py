@@ -201,7 +201,7 @@ def print_perspective(library: MaterialLibrary, probes: dict[str, LightProbe], o
         orthographic = HarmonicBasis(library, probe, SphereView(64)).basis_at().packed
         for distance in DISTANCES:
             fov_deg = None if math.isinf(distance) else 2 * math.degrees(math.asin(1 / distance))
-            view = SphereView(64, fov_deg)
+            view = SphereView(64, fov_deg=fov_deg)
             reference, _ = reference_of(library, probe, view, options.reference_samples)
 
             def harmonic(probe: LightProbe = probe, view: View = view) -> Tensor:

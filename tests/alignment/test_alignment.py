@@ -69,7 +69,7 @@ class TestPerspective:
         """The camera's frame is the probe's, wherever in it the ball is."""
         names = ("red", "plastic-0.2", "plastic-0.1", "white")
         library = MaterialLibrary.from_tables([tiny_tables[name] for name in names])
-        view = SphereView(32, 8.0, (0.15, 0.1, -1.0))
+        view = SphereView(32, fov_deg=8.0, direction=(0.15, 0.1, -1.0))
         found = align(tb.render(strangers["paint"], ROOM, view, 1024), GIVEN, view, library)
         assert degrees_between(found.rotation, TURN) < 0.2
         assert found.confident

@@ -67,7 +67,8 @@ def test_its_light_is_in_the_probe(found: Alignment) -> None:
 def test_said_in_words(found: Alignment) -> None:
     text = str(found)
     assert "\n" not in text
-    assert "its lamp of 4 texels of radiance 3000 (rows 20 to 21, columns 75 to 76, counted from 0) brightened, in R" in text
+    where = "rows 20 to 21, columns 75 to 76, counted from 0"
+    assert f"its lamp of 4 texels of radiance 3000 ({where}) brightened, in R" in text
 
 
 def test_under_a_turned_probe(paint: Tensor, precomputed_library: MaterialLibrary) -> None:

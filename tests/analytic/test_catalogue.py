@@ -178,3 +178,5 @@ def test_bad_parameters():
         model_of("roughconductor")
     with pytest.raises(ValueError, match=r"^no analytic model 'GGX' \(did you mean ggx or ggx-dielectric\?\); there"):
         model_of("GGX")
+    with pytest.raises(ValueError, match=r"^an analytic model is given by its name, such as 'ggx', got AnalyticModel$"):
+        model_of(ggx)

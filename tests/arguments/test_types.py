@@ -75,6 +75,23 @@ def test_a_ball_has_one_size(size: object):
     refused(message, tb.SphereView, size)
 
 
+def test_the_second_number_of_a_ball_is_named():
+    """SphereView(32, 32) was a ball of 32 pixels in a field of view of 32 degrees."""
+    with pytest.raises(TypeError, match="takes 2 positional arguments but 3 were given"):
+        tb.SphereView(32, 32)
+
+
+def test_a_probe_of_what_is_no_picture():
+    missing = "light probe must be a tensor or an array (3, H, W), got str; open a file with tb.LightProbe.open(path)"
+    refused(missing, tb.LightProbe, "grace.hdr")
+    refused("light probe must be a tensor or an array (3, H, W), got list", tb.LightProbe, [1.0, 2.0, 3.0])
+
+
+def test_defects_of_what_is_no_view():
+    message = "photograph_defects: view must be a View, got 24; make one, such as tb.SphereView(32)"
+    refused(message, photograph_defects, 24)
+
+
 def test_defects_of_images_of_another_size():
     """Whether or not one of the images is drawn."""
     images, masks = torch.ones(1, 3, 8, 9), torch.ones(1, 1, 8, 9, dtype=torch.bool)

@@ -33,7 +33,8 @@ def test_what_the_photograph_cannot_tell() -> None:
 
 def test_what_the_photograph_tells_is_said_to_be_no_measurement() -> None:
     probe = LightProbe(sky(5))
-    with pytest.warns(UserWarning, match=r"5 texels of radiance 30 .* which the photograph tells, to 10%, and the BRDF is off"):
+    told = r"5 texels of radiance 30 .* which the photograph tells, to 10%, and the BRDF is off"
+    with pytest.warns(UserWarning, match=told):
         warn_of_lamps(probe, found(probe, 0.1))
 
 

@@ -95,8 +95,8 @@ def clipped_sky(texels: int) -> LightProbe:
 def test_clipped_lamps_are_doubtful_without_alignment():
     (doubt,) = doubts_of_light(clipped_sky(5), aligned=False)
     assert doubt.text == (
-        "light probe: 5 texels of radiance 30 (row 10, columns 20 to 24, counted from 0), its brightest, look clipped; --align "
-        "finds their radiance"
+        "light probe: 5 texels of radiance 30 (row 10, columns 20 to 24, counted from 0), its brightest, look "
+        "clipped; --align finds their radiance"
     )
     assert doubts_of_light(clipped_sky(5), aligned=True) == []
 

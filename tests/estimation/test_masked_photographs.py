@@ -110,7 +110,7 @@ class TestRefused:
             refused(message + str(dtype)[6:] + decode, photograph().to(dtype))
 
     def test_not_a_tensor(self):
-        refused("image must be a tensor (*batch, 3, H, W), got ndarray", photograph().numpy())
+        refused("image must be a tensor (*batch, 3, H, W), got ndarray; see torch.from_numpy", photograph().numpy())
 
     def test_masks(self):
         refused("mask must be bool (1, 2, 3), got torch.float32 (1, 2, 3)", photograph(), MASK.float())

@@ -645,7 +645,7 @@ def test_negative_values_are_clamped_with_a_warning():
             "crop or convert it; for a photograph of a mirror ball give --probe-layout mirror_ball with "
             "--probe-circle X Y R (layout= and circle= of tb.LightProbe.open in Python)",
         ),
-        (torch.ones(4, 8, 3), "light probe must be (3, H, W) linear RGB, got (4, 8, 3)"),
+        (torch.ones(4, 8, 3), "light probe must be (3, H, W) linear RGB, got (4, 8, 3); permute it: movedim(-1, 0)"),
         (torch.ones(1, 3, 4, 8), "light probe must be (3, H, W) linear RGB, got (1, 3, 4, 8)"),
         (
             torch.ones(3, 4, 8, dtype=torch.uint8),

@@ -40,7 +40,7 @@ def test_shapes_and_ranges(probe):
 @pytest.mark.parametrize("fov_deg", [None, 60.0])
 def test_white_light_on_white(fov_deg):
     """The weights are the irradiance: pi from a uniform probe at every normal."""
-    view = SphereView(6, fov_deg)
+    view = SphereView(6, fov_deg=fov_deg)
     samples = 1 << 13
     found = LightPaths(view, LightProbe(torch.ones(3, 16, 32))).trace(view.pixels, numbers(len(view.pixels), samples))
     irradiance = found.weights.double().sum(-1) / samples

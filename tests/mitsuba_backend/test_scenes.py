@@ -32,7 +32,7 @@ def grey():
 @pytest.mark.parametrize("fov_deg", [None, 25.0, 80.0])
 @pytest.mark.parametrize("material", ["satin-0.35", "steel-0.15"])
 def test_a_sphere_renders_like_the_transport(tiny_tables, probe, fov_deg, material):
-    view, table = SphereView(8, fov_deg), tiny_tables[material]
+    view, table = SphereView(8, fov_deg=fov_deg), tiny_tables[material]
     ours = tb.render(table, probe, view, samples=4096)
     halves = MitsubaScene(view, probe, table).render_halves(16384)
     assert (halves.image - ours).norm() / ours.norm() < 1.3 * halves.noise + 0.003

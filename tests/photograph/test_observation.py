@@ -138,7 +138,7 @@ def test_a_ball_off_the_axis_is_seen_as_its_view_says(
 ):
     ball = Ball(PinholeCamera.of_fov((160, 240), fov_deg, distortion=lens), direction, fov_deg / 8)
     seen = observe(photographed(ball), ball, size=20)
-    view = SphereView(20, ball.fov_deg, ball.direction)
+    view = SphereView(20, fov_deg=ball.fov_deg, direction=ball.direction)
     steps = (torch.arange(16) + 0.5) / 16
     u, v = (places.expand(len(view.pixels), -1) for places in torch.cartesian_prod(steps, steps).T)
     points = view.surface(view.pixels, u, v)

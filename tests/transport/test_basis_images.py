@@ -123,6 +123,8 @@ class TestContents:
         expected = r"weights must be \(\*batch, 6, 3\) floating-point numbers for these basis images, got "
         with pytest.raises(ValueError, match=expected + got):
             small().render(weights)
+        with pytest.raises(ValueError, match=r"^weights must be a tensor, got ndarray; such as result\.weights$"):
+            small().render(weights.numpy())
 
     def test_pack_and_unpack(self):
         basis = small()

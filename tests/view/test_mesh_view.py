@@ -72,7 +72,7 @@ def write_obj(path, corners, faces):
 @pytest.mark.parametrize("fov_deg", [None, 30.0, 75.0])
 def test_a_fine_sphere_is_a_sphere_view(sphere_file, fov_deg):
     n = 16
-    sphere, mesh = SphereView(n, fov_deg), MeshView(sphere_file, n, Camera(fov_deg=fov_deg))
+    sphere, mesh = SphereView(n, fov_deg=fov_deg), MeshView(sphere_file, n, Camera(fov_deg=fov_deg))
     assert torch.equal(mesh.mask, sphere.mask)
     generator = torch.Generator().manual_seed(0)
     u, v = torch.floor(torch.rand(2, len(sphere.pixels), 20, generator=generator) * 16) / 16 + 1 / 32
@@ -87,7 +87,7 @@ def test_a_fine_sphere_is_a_sphere_view(sphere_file, fov_deg):
 @pytest.mark.parametrize("fov_deg", [None, 50.0])
 def test_a_fine_sphere_renders_like_a_sphere_view(sphere_file, tiny_tables, probe, fov_deg):
     table = tiny_tables["satin-0.35"]
-    sphere, mesh = SphereView(10, fov_deg), MeshView(sphere_file, 10, Camera(fov_deg=fov_deg))
+    sphere, mesh = SphereView(10, fov_deg=fov_deg), MeshView(sphere_file, 10, Camera(fov_deg=fov_deg))
     ours, expected = (tb.render(table, probe, view, samples=4096) for view in (mesh, sphere))
     assert (ours - expected).norm() / expected.norm() < 0.01
     halves = MitsubaScene(mesh, probe, table).render_halves(2048)
@@ -108,7 +108,7 @@ def test_a_tilted_camera(sphere_file, grey, probe, fov_deg):
     """In the camera's axes the sphere looks as ever, and light turned with the camera gives the same picture."""
     axes = normalize(torch.tensor([TILTED[key] for key in ("right", "top", "back")], dtype=torch.float64), dim=1)
     view = MeshView(sphere_file, 8, Camera(toward=(1, 2, 2), fov_deg=fov_deg))
-    sphere = SphereView(8, fov_deg)
+    sphere = SphereView(8, fov_deg=fov_deg)
     assert torch.equal(view.mask, sphere.mask)
     for found, expected in ((view.normals, sphere.normals), (view.view_dirs, sphere.view_dirs)):
         turned = torch.einsum("ij,jhw->ihw", axes.float(), found)

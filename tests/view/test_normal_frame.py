@@ -141,7 +141,7 @@ def test_slopes_that_fit_neither_frame_of_the_silhouette_are_refused():
 
 @pytest.mark.parametrize("fov", [20.0, 60.0])
 def test_a_perspective_camera(fov):
-    sphere = SphereView(40, fov)
+    sphere = SphereView(40, fov_deg=fov)
     arguments = {"mask": sphere.mask, "view_dirs": sphere.view_dirs}
     assert read(sphere.normals, **arguments)[1] == []
     view, said = read(in_frame(sphere.normals, 1, -1, 1), **arguments)

@@ -189,7 +189,7 @@ def align(
         guess = guessed(image, mask, view, silhouette)
         observe(image, guess, mask, view.size[0])  # raises where there is nothing to see
         if isinstance(view, SphereView) and view.size[0] > _SEARCHED:
-            searched = SphereView(_SEARCHED, view.fov_deg, view.direction)
+            searched = SphereView(_SEARCHED, fov_deg=view.fov_deg, direction=view.direction)
         moving = MovingSilhouette(image, guess, mask, searched.size[0])
         y, used = moving.seen(torch.zeros(3, dtype=torch.float64))[None], moving.used
     else:

@@ -14,6 +14,8 @@ MODELS: dict[str, AnalyticModel] = {
 
 def model_of(name: str) -> AnalyticModel:
     """A model by its name. Raises ValueError with the names there are."""
+    if not isinstance(name, str):
+        raise ValueError(f"an analytic model is given by its name, such as 'ggx', got {type(name).__name__}")
     if name not in MODELS:
         raise ValueError(f"no analytic model {name!r}{did_you_mean(str(name), MODELS)}; there are {', '.join(MODELS)}")
     return MODELS[name]

@@ -170,7 +170,7 @@ def open_view(options: argparse.Namespace, size: int, ball: Ball | None = None) 
         if getattr(options, key) not in (None, False):
             raise ValueError(f"--{key.replace('_', '-')} is for a mesh, and --view is {options.view}")
     if options.view == "sphere":
-        return SphereView(size, options.fov) if ball is None else SphereView.of_ball(size, ball)
+        return SphereView(size, fov_deg=options.fov) if ball is None else SphereView.of_ball(size, ball)
     if options.fov is not None:
         raise ValueError(f"--fov is for a sphere or a mesh, and --view is {options.view}")
     return NormalMapView.open(path)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -40,7 +41,8 @@ def check_observation(
     checked = []
     for one, its_mask, frame in zip(images, masks, frames.masks, strict=True):
         if not isinstance(one, Tensor):
-            raise ValueError(f"image must be a tensor (*batch, 3, H, W), got {type(one).__name__}")
+            advice = "; see torch.from_numpy" if isinstance(one, np.ndarray) else ""
+            raise ValueError(f"image must be a tensor (*batch, 3, H, W), got {type(one).__name__}{advice}")
         checked.append(_check_one(one, its_mask, frame))
     ys, useds, batches = zip(*checked, strict=True)
     batch = batches[0]

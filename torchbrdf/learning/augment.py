@@ -13,6 +13,7 @@ from kornia.augmentation import AugmentationSequential
 from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
+from torchbrdf.arguments import check_types
 from torchbrdf.learning.hiding import (
     DrawingAugmentation,
     RandomDropout,
@@ -26,7 +27,7 @@ from torchbrdf.learning.hiding import (
 from torchbrdf.learning.masking import erode_silhouette, mask_reflection, mask_saturated, mask_stand
 from torchbrdf.learning.occluders import RandomOccluders, draw_occluders, pixel_grid
 from torchbrdf.learning.probe_rotation import RandomProbeRotation, random_rotations, rotate_probes
-from torchbrdf.view import SphereView
+from torchbrdf.view import SphereView, View
 
 __all__ = [
     "RandomDropout",
@@ -198,7 +199,9 @@ def photograph_defects(view: SphereView, known: bool = False) -> AugmentationSeq
     An `AugmentationSequential` of images (B, 3, H, W) and masks (B, 1, H, W): reflection of the camera, stand, objects
     in front, flicker, exposure, noise, clipping, dead pixels. A starting point: copy it and change what differs.
     known  whether masks lose what objects, stand and reflection hide; clipped and dead pixels are always known
+    Raises ValueError where view is none.
     """
+    check_types("photograph_defects", view=(view, View))
     return AugmentationSequential(
         RandomReflection(view, known=known),
         RandomStand(view, known=known),

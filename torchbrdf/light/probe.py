@@ -333,8 +333,12 @@ class LightProbe:
 
 def _checked(radiance: Tensor, name: str) -> Tensor:
     """Solid angles (H, 1) of the texels of what is a probe by its shape and type."""
+    if not isinstance(radiance, Tensor):
+        remedy = "; open a file with tb.LightProbe.open(path)" if isinstance(radiance, str | os.PathLike) else ""
+        raise ValueError(f"{name} must be a tensor or an array (3, H, W), got {type(radiance).__name__}{remedy}")
     if radiance.ndim != 3 or radiance.shape[0] != 3:
-        raise ValueError(f"{name} must be (3, H, W) linear RGB, got {tuple(radiance.shape)}")
+        advice = "; permute it: movedim(-1, 0)" if radiance.ndim == 3 and radiance.shape[2] == 3 else ""
+        raise ValueError(f"{name} must be (3, H, W) linear RGB, got {tuple(radiance.shape)}{advice}")
     _, h, w = radiance.shape
     check_proportions(h, w, name)
     if not radiance.is_floating_point():

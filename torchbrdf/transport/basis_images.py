@@ -143,6 +143,8 @@ class BasisImages:
                  and to `packed`. Where B w is below zero it counts as such; `MaterialLibrary.combine` clamps it
         Raises ValueError for other weights.
         """
+        if not isinstance(weights, Tensor):
+            raise ValueError(f"weights must be a tensor, got {type(weights).__name__}; such as result.weights")
         if weights.shape[-2:] != (self.n, 3) or not weights.is_floating_point():
             raise ValueError(
                 f"weights must be (*batch, {self.n}, 3) floating-point numbers for these basis images, "

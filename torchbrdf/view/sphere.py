@@ -33,7 +33,7 @@ class SphereView(View):
     rotation: Tensor
     """(3, 3) float64: from the frame of the camera turned towards the sphere to the camera's own."""
 
-    def __init__(self, size: int, fov_deg: float | None = None, direction: Triple = _AHEAD) -> None:
+    def __init__(self, size: int, *, fov_deg: float | None = None, direction: Triple = _AHEAD) -> None:
         """Check the arguments and find the pixels that lie wholly inside the silhouette."""
         try:
             self._n = operator.index(size)
@@ -56,7 +56,7 @@ class SphereView(View):
     def of_ball(cls, size: int, ball: Ball) -> "SphereView":
         """What the camera of a ball sees of it, its field of view rounded to a thousandth of a degree."""
         direction = ball.direction if ball.off_axis_deg > _HARDLY_BESIDE else _AHEAD
-        return cls(size, round(ball.fov_deg, 3), direction)
+        return cls(size, fov_deg=round(ball.fov_deg, 3), direction=direction)
 
     def __repr__(self) -> str:
         """Size and camera."""

@@ -9,7 +9,7 @@ from torchbrdf.transport.harmonic.ring_lookup import _copied
 from torchbrdf.view import NormalMapView, SphereView
 
 
-@pytest.mark.parametrize("view", [SphereView(9), SphereView(16), SphereView(16, 12.0)], ids=str)
+@pytest.mark.parametrize("view", [SphereView(9), SphereView(16), SphereView(16, fov_deg=12.0)], ids=str)
 def test_normals_of_a_pixel_are_those_of_its_source_in_the_image(view):
     images = MirrorImages.of(view)
     middle = torch.full((1, 1), 0.5, dtype=torch.float64)

@@ -60,7 +60,7 @@ def worst(found: Tensor, expected: Tensor) -> float:
 class TestClosedForms:
     @pytest.mark.parametrize("distance", [6.0, 14.0, 200.0])
     def test_uniform_light_shows_the_albedo(self, library: MaterialLibrary, distance: float) -> None:
-        view = SphereView(SIZE, fov_of(distance))
+        view = SphereView(SIZE, fov_deg=fov_of(distance))
         packed = harmonic(library.subset(["matte"]), LightProbe(torch.ones(3, 32, 64)), view)
         assert relative(packed, torch.tensor(ALBEDO)[:, None, None].expand_as(packed)) < 2e-3
 
@@ -75,7 +75,7 @@ class TestClosedForms:
         fov_deg: float | None,
     ) -> None:
         """[RH01]: what a matte surface shows depends on its normal alone, wherever the camera stands."""
-        along, view = torch.tensor(axis), SphereView(SIZE, fov_deg, direction)
+        along, view = torch.tensor(axis), SphereView(SIZE, fov_deg=fov_deg, direction=direction)
         packed = harmonic(library.subset(["matte"]), probe_of(lambda d: 1 + d @ along), view)
         steps = (torch.arange(10) + 0.5) / 10
         u, v = (places.expand(len(view.pixels), -1) for places in torch.cartesian_prod(steps, steps).T)
@@ -87,7 +87,7 @@ class TestClosedForms:
 class TestOracle:
     @pytest.mark.parametrize("distance", [6.0, 8.0, 12.0, 20.0, 40.0])
     def test_under_lamps(self, library: MaterialLibrary, distance: float) -> None:
-        view = SphereView(SIZE, fov_of(distance))
+        view = SphereView(SIZE, fov_deg=fov_of(distance))
         expected = render_basis(library, lamps(64), view, "sampled", 8192).packed
         assert worst(harmonic(library, lamps(64), view), expected) < MOST
 
@@ -95,23 +95,23 @@ class TestOracle:
     def test_under_light_from_behind(self, library: MaterialLibrary, distance: float) -> None:
         """The rim mirrors it at grazing angles, where a material changes most with the view direction."""
         probe = probe_of(lambda d: 1 - d[..., 2])
-        view = SphereView(SIZE, fov_of(distance))
+        view = SphereView(SIZE, fov_deg=fov_of(distance))
         expected = render_basis(library, probe, view, "sampled", 8192).packed
         assert worst(harmonic(library, probe, view), expected) < MOST
 
     def test_off_the_axis(self, library: MaterialLibrary) -> None:
-        view = SphereView(SIZE, fov_of(9), ASIDE)
+        view = SphereView(SIZE, fov_deg=fov_of(9), direction=ASIDE)
         expected = render_basis(library, lamps(64), view, "sampled", 8192).packed
         assert worst(harmonic(library, lamps(64), view), expected) < MOST
 
     def test_without_perspective_it_would_be_far_off(self, library: MaterialLibrary) -> None:
-        view = SphereView(SIZE, fov_of(12))
+        view = SphereView(SIZE, fov_deg=fov_of(12))
         orthographic = harmonic(library, lamps(64), SphereView(SIZE))
         assert relative(harmonic(library, lamps(64), view), orthographic) > 4 * MOST
 
     def test_from_far_away_it_is_orthographic(self, library: MaterialLibrary) -> None:
         orthographic = harmonic(library, lamps(64), SphereView(SIZE))
-        assert relative(harmonic(library, lamps(64), SphereView(SIZE, fov_of(1e5))), orthographic) < 1e-4
+        assert relative(harmonic(library, lamps(64), SphereView(SIZE, fov_deg=fov_of(1e5))), orthographic) < 1e-4
 
 
 class TestTurning:
@@ -121,10 +121,10 @@ class TestTurning:
 
     @pytest.fixture(params=[None, 10.0])
     def aside(self, library: MaterialLibrary, request: pytest.FixtureRequest) -> HarmonicBasis:
-        return HarmonicBasis(library, lamps(64), SphereView(SIZE, request.param, ASIDE))
+        return HarmonicBasis(library, lamps(64), SphereView(SIZE, fov_deg=request.param, direction=ASIDE))
 
     def test_as_on_the_axis(self, library: MaterialLibrary, aside: HarmonicBasis) -> None:
-        ahead = HarmonicBasis(library, lamps(64), SphereView(SIZE, aside.view.fov_deg))
+        ahead = HarmonicBasis(library, lamps(64), SphereView(SIZE, fov_deg=aside.view.fov_deg))
         for rotation in (torch.eye(3, dtype=torch.float64), self.TURN):
             expected = ahead.basis_at(aside.view.rotation.T @ rotation).packed
             assert relative(aside.basis_at(rotation).packed, expected) < 1e-6
@@ -142,7 +142,7 @@ class TestTurning:
     def test_change_at(self, library: MaterialLibrary) -> None:
         """About the camera's own axes, against two whole images."""
         probe = probe_of(lambda d: 1 + 0.7 * d[..., 0] + 0.4 * d[..., 1] * d[..., 2] - 0.3 * d[..., 1])
-        basis = HarmonicBasis(library, probe, SphereView(SIZE, 10.0, ASIDE))
+        basis = HarmonicBasis(library, probe, SphereView(SIZE, fov_deg=10.0, direction=ASIDE))
         weights = torch.randn(library.n, 3, generator=torch.Generator().manual_seed(2))
         found = basis.change_at(weights, self.TURN)
         for axis in range(3):
@@ -153,7 +153,7 @@ class TestTurning:
     def test_gradients(self, library: MaterialLibrary) -> None:
         """Of the rotation, which the frame of the ball turns on, and of the radiance."""
         radiance = probe_of(lambda d: 1 + 0.7 * d[..., 0] + 0.4 * d[..., 1] * d[..., 2]).radiance.requires_grad_()
-        basis = HarmonicBasis(library, LightProbe(radiance), SphereView(SIZE, 10.0, ASIDE))
+        basis = HarmonicBasis(library, LightProbe(radiance), SphereView(SIZE, fov_deg=10.0, direction=ASIDE))
         weights = torch.randn(library.n, 3, generator=torch.Generator().manual_seed(3))
         field = torch.randn(3, len(basis.view.pixels), generator=torch.Generator().manual_seed(4))
         turn = torch.zeros(3, requires_grad=True)
@@ -181,5 +181,5 @@ class TestLimit:
 
     def test_what_it_says_is_served(self) -> None:
         assert unsuited(SphereView(12, fov_deg=19.2)) is None
-        assert unsuited(SphereView(12, fov_of(NEAREST))) is None
+        assert unsuited(SphereView(12, fov_deg=fov_of(NEAREST))) is None
         assert unsuited(SphereView(12, fov_deg=19.3)) is not None

@@ -63,7 +63,11 @@ def test_agrees_with_samples(f_r: Callable[[Tensor, Tensor], Tensor]) -> None:
     assert differs(f_r, SPHERE, lamps(64)) < MOST
 
 
-@pytest.mark.parametrize("view", [SphereView(16, 15.0), SphereView(16, 8.0, (0.3, -0.2, -1.0))], ids=repr)
+@pytest.mark.parametrize(
+    "view",
+    [SphereView(16, fov_deg=15.0), SphereView(16, fov_deg=8.0, direction=(0.3, -0.2, -1.0))],
+    ids=repr,
+)
 def test_balls_in_perspective_agree_with_samples(view: SphereView) -> None:
     assert differs(TINY_MATERIALS["satin-0.35"], view, lamps(64)) < MOST
 
@@ -108,7 +112,7 @@ def test_half_vectors_are_read_as_they_were_made(tmp_path: Path, monkeypatch: py
     assert torch.equal(*pictures)
     assert len(list((tmp_path / "reflections").iterdir())) == zones
     assert relative(pictures[0][0], render(table_of(swirl), lights[0][0], SPHERE)) < 1e-2
-    table_pictures(table_of(swirl), lights, SphereView(16, 15.0), SHOWN)
+    table_pictures(table_of(swirl), lights, SphereView(16, fov_deg=15.0), SHOWN)
     assert len(list((tmp_path / "reflections").iterdir())) == zones
 
 
@@ -151,7 +155,7 @@ def test_a_number_of_samples_asks_for_sampling() -> None:
 
 
 def test_a_near_ball_is_sampled() -> None:
-    table, probe, near = table_of(lambert(*ALBEDO)), LightProbe(torch.ones(3, 8, 16)), SphereView(16, 60.0)
+    table, probe, near = table_of(lambert(*ALBEDO)), LightProbe(torch.ones(3, 8, 16)), SphereView(16, fov_deg=60.0)
     with pytest.raises(ValueError, match="nearer than 6"):
         table_pictures(table, [(probe, None)], near)
     assert float(render(table, probe, near)[0][near.mask[0]].mean()) == pytest.approx(ALBEDO[0], rel=0.02)

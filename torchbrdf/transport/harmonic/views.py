@@ -66,4 +66,4 @@ def facing(view: View) -> tuple[View, Tensor | None]:
     """
     if type(view) is not SphereView or view.direction == (0.0, 0.0, -1.0):
         return view, None
-    return SphereView(view.size[0], view.fov_deg), view.rotation
+    return SphereView(view.size[0], fov_deg=view.fov_deg), view.rotation
