@@ -291,3 +291,14 @@ class TestWarned:
             warnings.simplefilter("always")
             merge(files)
         assert [str(one.message) for one in caught] == []
+
+
+def test_what_took_another_s_place_is_warned_of(tmp_path):
+    other = SCENE.copy()
+    other[30:70, 40:80] *= 4
+    bracket(tmp_path, SCENE, TIMES, Camera())
+    (tmp_path / "other").mkdir()
+    strange = bracket(tmp_path / "other", other, TIMES, Camera())
+    files = sorted(tmp_path.glob("IMG_*"))
+    with pytest.warns(UserWarning, match=r"% of the picture differs by more than 30%: something moved, or they"):
+        merge([*files[:2], *strange[2:]], still=True)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbrdf.brackets._changes import warn_of_changes
 from torchbrdf.brackets._checks import check_order, check_same, check_shown, warn_of
 from torchbrdf.brackets._choice import Chosen, choose
 from torchbrdf.brackets._overlay import overlay
@@ -86,6 +87,7 @@ def merge(
     check_order(frames, samples, exposures.said)
     chosen = choose(frames, samples, exposures, response, known, like)
     warn_of(frames, chosen)
+    warn_of_changes(frames, samples, chosen)
     radiance = merged(frames, motions, chosen.exposures, chosen.curve, clip)
     return _result(frames, motions, reference, radiance, chosen, exposures.unit, known, primaries)
 

@@ -24,10 +24,12 @@ _BRIGHT = 0.5
 class Samples:
     """Mean codes of patches in all frames.
 
-    codes  (F, N, 3)  in [0, 1]; NaN where a frame clips or cuts any pixel of a patch
+    codes       (F, N, 3)  in [0, 1], of the smoothest; NaN where a frame clips or cuts any pixel of a patch
+    everywhere  (F, R, C, 3)  of a grid of patches, whatever they show
     """
 
     codes: np.ndarray
+    everywhere: np.ndarray
 
     @classmethod
     def of(cls, frames: Sequence[Frame], motions: Sequence[Motion], clip: np.ndarray) -> Samples:
@@ -38,9 +40,8 @@ class Samples:
         """
         size = frames[0].codes.shape[:2]
         step = max(1, int(np.sqrt(size[0] * size[1] / _CANDIDATES)))
-        rows, columns = (
-            axis.ravel() for axis in np.mgrid[_HALF : size[0] - _HALF : step, _HALF : size[1] - _HALF : step]
-        )
+        grid = np.mgrid[_HALF : size[0] - _HALF : step, _HALF : size[1] - _HALF : step]
+        rows, columns = (axis.ravel() for axis in grid)
         means, spreads = [], []
         for frame, motion in zip(frames, motions, strict=True):
             mean, spread = _patches(frame, motion, rows, columns, clip)
@@ -50,7 +51,7 @@ class Samples:
         held = np.isfinite(codes).all(axis=2).sum(axis=0)
         rough = np.nanmax(np.where(np.isfinite(codes), np.stack(spreads), np.nan), axis=(0, 2), initial=0)
         useful = np.flatnonzero(held >= 2)
-        return cls(codes[:, useful[_smoothest(codes[:, useful], rough[useful])]])
+        return cls(codes[:, useful[_smoothest(codes[:, useful], rough[useful])]], codes.reshape(-1, *grid.shape[1:], 3))
 
     @property
     def count(self) -> int:

@@ -65,8 +65,8 @@ class Reconstruction:
         if batch:
             return f"Reconstruction({' x '.join(map(str, batch))} photographs, {classes} classes)"
         index = int(self.class_index)
-        probable = f"class {index} of {classes} ({float(self.class_probabilities[index]):.0%})"
-        return f"Reconstruction({probable}, relative error {float(self.relative_error):.2%})"
+        probable = f"class {index} of {classes} ({float(self.class_probabilities[index].detach()):.0%})"
+        return f"Reconstruction({probable}, relative error {float(self.relative_error.detach()):.2%})"
 
     def __len__(self) -> int:
         """The size of the first batch axis."""

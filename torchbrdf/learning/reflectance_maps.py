@@ -166,7 +166,10 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
 
 
 def _check_keys(spoil: object) -> None:
-    """Raise ValueError for kornia's augmentations of images alone."""
+    """Raise ValueError for what is not called with images and masks, such as kornia's augmentations of images alone."""
+    if spoil is not None and (not callable(spoil) or isinstance(spoil, type)):
+        what = spoil.__name__ if isinstance(spoil, type) else type(spoil).__name__
+        raise ValueError(f"spoil must be called with images and masks, as photograph_defects(view) is, got {what}")
     paired = 'AugmentationSequential(..., data_keys=["input", "mask"])'
     if isinstance(spoil, AugmentationBase2D):
         raise ValueError(f"spoil takes images and masks, and {type(spoil).__name__} images alone; put it in {paired}")

@@ -1,0 +1,54 @@
+"""What changed between exposures: of things that moved, or took another's place, a merged picture shows a mixture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from torchbrdf.arguments import warn
+from torchbrdf.brackets._choice import Chosen
+from torchbrdf.brackets.frames import Frame
+from torchbrdf.brackets.samples import Samples
+
+_RATIO = 1.3
+"""Of the radiance that two exposures show at a place, from which on it is not the same."""
+_SHARE, _MOST = 1e-3, 0.25
+"""Of all places: with more than the first, a warning; more than the second is no part of a scene but another response,
+time or light, which other warnings are of."""
+_AROUND = 5
+"""Places along a side of a square that has to differ throughout: of a hand that moved a little, edges differ alone."""
+_DARKEST_STEPS = 10.0
+"""Codes that are darker tell radiance too coarsely."""
+
+
+def warn_of_changes(frames: Sequence[Frame], samples: Samples, chosen: Chosen) -> None:
+    """Warn where two exposures, each and the next longer one, do not show the same in some part of the picture."""
+    shown = [_radiance(frame, codes, chosen) for frame, codes in zip(frames, samples.everywhere, strict=True)]
+    shown = [one / exposure for one, exposure in zip(shown, chosen.exposures, strict=True)]
+    shares = [_changed(*pair) for pair in pairwise(shown)]
+    worst = int(np.argmax(shares))
+    if _SHARE < shares[worst] < _MOST:
+        warn(
+            f"{frames[worst + 1].path} and {frames[worst].path}: {shares[worst]:.1%} of the picture differs by more "
+            f"than {_RATIO - 1:.0%}: something moved, or they are not of one scene; a mixture is shown there"
+        )
+
+
+def _radiance(frame: Frame, codes: np.ndarray, chosen: Chosen) -> np.ndarray:
+    """(R, C): the sum of the channels of codes (R, C, 3), NaN where one is not held or too dark."""
+    linear = np.stack([chosen.curve.decode(codes[..., k], k) for k in range(3)], axis=-1)
+    told = np.isfinite(codes) & (codes > _DARKEST_STEPS * frame.step)
+    summed: np.ndarray = np.where(told, linear, np.nan).sum(axis=-1)
+    return summed
+
+
+def _changed(one: np.ndarray, other: np.ndarray) -> float:
+    """The share of the places in squares in which they differ."""
+    import cv2
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apart = np.abs(np.log(one / other)) > np.log(_RATIO)  # False where one of them is NaN
+    square = np.ones((_AROUND, _AROUND), np.uint8)
+    return float(cv2.morphologyEx(apart.astype(np.uint8), cv2.MORPH_OPEN, square).mean())
