@@ -17,5 +17,5 @@ def model_of(name: str) -> AnalyticModel:
     if not isinstance(name, str):
         raise ValueError(f"an analytic model is given by its name, such as 'ggx', got {type(name).__name__}")
     if name not in MODELS:
-        raise ValueError(f"no analytic model {name!r}{did_you_mean(str(name), MODELS)}; there are {', '.join(MODELS)}")
+        raise ValueError(f"no analytic model {name!r}{did_you_mean(name, MODELS)}; there are {', '.join(MODELS)}")
     return MODELS[name]

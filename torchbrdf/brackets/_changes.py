@@ -25,9 +25,11 @@ _DARKEST_STEPS = 10.0
 
 def warn_of_changes(frames: Sequence[Frame], samples: Samples, chosen: Chosen) -> None:
     """Warn where two exposures, each and the next longer one, do not show the same in some part of the picture."""
-    shown = [_radiance(frame, codes, chosen) for frame, codes in zip(frames, samples.everywhere, strict=True)]
-    shown = [one / exposure for one, exposure in zip(shown, chosen.exposures, strict=True)]
-    shares = [_changed(*pair) for pair in pairwise(shown)]
+    codes = samples.everywhere
+    steps = np.array([frame.step for frame in frames])[:, None, None, None]
+    told = np.isfinite(codes) & (codes > _DARKEST_STEPS * steps)
+    radiance = np.where(told, chosen.curve.decode_all(codes), np.nan).sum(axis=-1) / chosen.exposures[:, None, None]
+    shares = [_changed(*pair) for pair in pairwise(radiance)]
     worst = int(np.argmax(shares))
     if _SHARE < shares[worst] < _MOST:
         warn(
@@ -36,16 +38,8 @@ def warn_of_changes(frames: Sequence[Frame], samples: Samples, chosen: Chosen) -
         )
 
 
-def _radiance(frame: Frame, codes: np.ndarray, chosen: Chosen) -> np.ndarray:
-    """(R, C): the sum of the channels of codes (R, C, 3), NaN where one is not held or too dark."""
-    linear = np.stack([chosen.curve.decode(codes[..., k], k) for k in range(3)], axis=-1)
-    told = np.isfinite(codes) & (codes > _DARKEST_STEPS * frame.step)
-    summed: np.ndarray = np.where(told, linear, np.nan).sum(axis=-1)
-    return summed
-
-
 def _changed(one: np.ndarray, other: np.ndarray) -> float:
-    """The share of the places in squares in which they differ."""
+    """The share of the places in squares in which radiance (R, C) differs; NaN where one does not tell it."""
     import cv2
 
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -52,6 +52,10 @@ class Curve:
         assert self.values is not None
         return self._splines[channel](codes)
 
+    def decode_all(self, codes: np.ndarray) -> np.ndarray:
+        """Linear values of codes (..., 3) of all channels."""
+        return np.stack([self.decode(codes[..., k], k) for k in range(3)], axis=-1)
+
     def slope(self, codes: np.ndarray, channel: int) -> np.ndarray:
         """The derivative of `decode`."""
         step = 0.5 / GRID
@@ -104,7 +108,7 @@ def consistency(curve: Curve, samples: Samples, exposures: np.ndarray) -> Consis
 
     exposures  (F,)
     """
-    radiance = np.stack([curve.decode(samples.codes[..., k], k) for k in range(3)], axis=-1)
+    radiance = curve.decode_all(samples.codes)
     with np.errstate(all="ignore"):
         logs = np.log(radiance) - np.log(exposures)[:, None, None]
     weights = np.where(np.isfinite(logs), _weights(curve, samples.codes, radiance), 0)

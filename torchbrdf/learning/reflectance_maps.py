@@ -99,7 +99,7 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         for one in lights[1:]:
             if (one.library, one.names) != (first.library, first.names) or not torch.equal(one.mask, first.mask):
                 raise ValueError("basis images must share library and mask; render them for the same library and view")
-        _check_keys(spoil)
+        _check_spoil(spoil)
         if length < 1 or length != int(length):
             raise ValueError(f"length must be at least one sample and whole, got {length}")
         self.names, self.mask, self.lights = first.names, first.mask, len(lights)
@@ -165,7 +165,7 @@ class ReflectanceMaps(Dataset[dict[str, Tensor]]):
         return {"image": image, "mask": mask, "clean": clean, "weights": weights, "light": light}
 
 
-def _check_keys(spoil: object) -> None:
+def _check_spoil(spoil: object) -> None:
     """Raise ValueError for what is not called with images and masks, such as kornia's augmentations of images alone."""
     if spoil is not None and (not callable(spoil) or isinstance(spoil, type)):
         what = spoil.__name__ if isinstance(spoil, type) else type(spoil).__name__
